@@ -14,6 +14,7 @@ from rigel_bridge.main import main as bridge
 from robotapp_cli.lint.linter import lint
 from robotapp_cli.main import app as cli
 from robotapp_testbed import images
+from ros_profile.generate import generate_profile
 from ros_profile.main import main as profile
 
 FOLDER = Path(__file__).parents[3] / "examples" / "reference"
@@ -137,6 +138,19 @@ def test_the_readme_has_what_the_profile_generator_makes_of_the_package(app: Pat
     with contextlib.redirect_stdout(output):
         assert profile([str(app / "src"), "--no-cache"]) == 0
     assert output.getvalue().strip() in (app / "README.md").read_text()
+
+
+def test_each_component_has_the_class_that_the_profile_generator_infers_for_its_program(app: Path) -> None:
+    (package,) = generate_profile(app / "src").packages
+    inferred = {
+        executable.name: executable.assessment.qos_class.value
+        for executable in package.executables
+        if executable.assessment.qos_class
+    }
+    components = yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]["components"]
+    programs = {component["name"]: Path(component["args"][3]).stem for component in components}
+    stated = {component["name"]: component.get("qosClass") for component in components}
+    assert stated == {name: inferred[program] for name, program in programs.items()}
 
 
 def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:

@@ -137,6 +137,13 @@ def test_a_component_with_an_image_of_its_own_has_nothing_of_the_built_one() -> 
     assert panel == {"name": "panel", "image": "acme/ui:1"}
 
 
+def test_a_benchmark_of_the_default_scheduler_leaves_out_the_wishes_of_single_components_as_well() -> None:
+    block = "{components: {camera: {scheduler: {policies: {qos_class: realtime}}}, detector: {}}}"
+    (wished,) = {part.get("qosClass") for part in spec(with_block(block))["components"]} - {None}
+    plain = spec(with_block(block), sequence="benchmark_default")["components"]
+    assert (wished, [part.get("qosClass") for part in plain]) == ("realtime", [None, None])
+
+
 @pytest.mark.parametrize("where", ["image", "option"])
 def test_one_image_beside_or_above_the_components_is_that_of_all(where: str) -> None:
     block = "{application_image: 'other/x:1', components: {camera: {}, detector: {}}}"
