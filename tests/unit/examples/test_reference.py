@@ -171,8 +171,6 @@ def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:
         "fleet-*/src/**/tasks.py",
         "detection-*/src/**/detector.py",
         "detection-*/src/**/scene.py",
-        "usb-sensor-*/src/**/sensor.py",
-        "usb-sensor-*/src/**/arrivals.py",
     ],
 )
 def test_both_generations_of_an_application_share_what_has_nothing_of_ros(pattern: str) -> None:
