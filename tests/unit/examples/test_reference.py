@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import json
+import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from journeys import graphs
 from rigel_bridge.main import main as bridge
 from robotapp_cli.lint.linter import lint
 from robotapp_cli.main import app as cli
@@ -113,6 +116,20 @@ def test_the_compose_file_imports_to_the_same_programs(app: Path) -> None:
     assert imported["spec"]["ros"] == committed["spec"]["ros"]
     by_name = sorted(map(words_of, imported["spec"]["components"]))
     assert by_name == sorted(map(words_of, committed["spec"]["components"]))
+
+
+def test_the_picture_of_the_readme_shows_the_app_as_it_is_now_and_says_what_it_is(app: Path) -> None:
+    """`scripts/screenshots --graphs` draws it anew."""
+    picture = (app / graphs.PICTURE).read_text()
+    spec = yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]
+    (facts,) = re.findall(r"<metadata>(.*?)</metadata>", picture)
+    assert json.loads(facts)["spec"] == graphs.hash_spec(app)
+    assert graphs.read_styles() in picture
+    shown = [*(f">{component['name']}</text>" for component in spec["components"])]
+    shown += [f"{edge['topic']}, {edge['from']} → {edge['to']}: " for edge in spec["edges"]]
+    assert [words for words in shown if words not in picture] == []
+    assert f"![{app.name} in the console: " in (app / "README.md").read_text()
+    assert f"({graphs.PICTURE})" in (app / "README.md").read_text()
 
 
 def test_a_parameter_of_the_files_is_one_that_a_node_declares_or_gets(app: Path) -> None:
