@@ -58,7 +58,7 @@ from robotapp_operator.reconcile.devices.resource_claims import (
     ClaimPlan,
     components_with_pods,
     plan_claims,
-    release_claims,
+    release_unused,
     write_claims,
 )
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
@@ -306,7 +306,7 @@ class Children:
             for item in running:
                 await stop(self._client, item)
             if not running:
-                await release_claims(self._client, self._claims_to_release(record, robot, observed))
+                await release_unused(self._client, self._claims_to_release(record, robot, observed))
         return True
 
     def _must_stop(self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]) -> bool:
