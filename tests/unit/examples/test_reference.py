@@ -107,15 +107,16 @@ def test_the_robotapp_has_no_findings_of_lint(app: Path) -> None:
     assert lint((app / "robotapp.yaml").read_bytes()).findings == []
 
 
-def test_the_compose_file_imports_to_the_same_programs(app: Path) -> None:
+def test_the_compose_file_imports_to_the_same_app(app: Path) -> None:
     result = CliRunner().invoke(cli, ["import", str(app / "compose.yaml")])
     assert result.exit_code == 0, result.output
-    (imported,) = (part for part in yaml.safe_load_all(result.stdout) if part["kind"] == "RobotApp")
+    *claims, imported = yaml.safe_load_all(result.stdout)
     committed = yaml.safe_load((app / "robotapp.yaml").read_text())
     assert imported["metadata"]["name"] == committed["metadata"]["name"]
-    assert imported["spec"]["ros"] == committed["spec"]["ros"]
-    by_name = sorted(map(words_of, imported["spec"]["components"]))
-    assert by_name == sorted(map(words_of, committed["spec"]["components"]))
+    assert imported["spec"] == committed["spec"]
+    assert lint(result.stdout.encode()).findings == []
+    files = [yaml.safe_load(path.read_text()) for path in app.glob("claim.yaml")]
+    assert [claim["metadata"]["name"] for claim in claims] == [claim["metadata"]["name"] for claim in files]
 
 
 def test_the_picture_of_the_readme_shows_the_app_as_it_is_now_and_says_what_it_is(app: Path) -> None:
