@@ -109,7 +109,7 @@ class TemplateSpec(Model):
         Literal["Always", "OnFailure", "Never"] | None,
         _refused(
             "restartPolicy",
-            "components always restart: leave it out; a program that ends is a Job",
+            "leave it out: components are restarted when they end, and a program that is to end is written with job: {}",
             empty="self == 'Always'",
         ),
     ] = None

@@ -156,7 +156,9 @@ class GangGates:
             return f"waiting for the RobotApp with uid {member.app_uid} to be seen"
         apps: AppIndex = self._cluster.apps
         if not apps.belongs(pod.pod, member.app_uid):
-            return "its owner chain (ReplicaSet, Deployment) does not lead to its RobotApp, or is not seen yet"
+            return (
+                "its owner chain (ReplicaSet and Deployment, or Job) does not lead to its RobotApp, or is not seen yet"
+            )
         if app.problems:
             return "the RobotApp cannot be planned: " + "; ".join(app.problems)
         if not app.observed:
