@@ -246,9 +246,7 @@ def instance_facts(
     now_s: float,
     now: datetime,
 ) -> InstanceFacts:
-    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic; `now` is the wall clock.
-    barred: uids of pods that keep our gate, because no node admits them.
-    """
+    """Returns one instance as observed now. now_s: monotonic; barred: uids of pods that keep our gate, as no node admits them."""
     cluster_config = cluster_config_of(cache) if names_config(app, cache) else None
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)

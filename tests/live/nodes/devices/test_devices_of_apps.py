@@ -52,7 +52,9 @@ def namespace(cluster: RealNodes) -> Iterator[str]:
     with created(cluster, f"apps-{secrets.token_hex(3)}") as name:
         cluster.kubectl("label", "namespace", name, "pod-security.kubernetes.io/enforce=restricted")
         yield name
-        cluster.kubectl("delete", "robotapps", "--all", "-n", name, "--cascade=foreground", f"--timeout={WAITED_S:.0f}s")
+        cluster.kubectl(
+            "delete", "robotapps", "--all", "-n", name, "--cascade=foreground", f"--timeout={WAITED_S:.0f}s"
+        )
 
 
 def robotapp(name: str, devices: list[Json], **component: Any) -> Json:
