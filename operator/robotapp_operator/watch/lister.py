@@ -11,11 +11,11 @@ from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.model.names import GPU, Annotation, Label, Reason
 from robotapp_api.values.overrides import select_overrides
 from robotapp_api.values.placement.tiers import ROBOT
 from robotapp_api.values.quantities.ranges import parse_ids
-from robotapp_claims.rules.device import claims_wanted
+from robotapp_claims.rules.device import claimed, claims_wanted
 from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.identity import granted_devices, shared_devices
 from robotapp_claims.rules.instances import ANY, Instance, robot_of, too_many_missing
@@ -246,9 +246,7 @@ def instance_facts(
     now_s: float,
     now: datetime,
 ) -> InstanceFacts:
-    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic; `now` is the wall clock.
-    barred: uids of pods that keep our gate, because no node admits them.
-    """
+    """Returns one instance as observed now. now_s: monotonic; barred: uids of pods that keep our gate, as no node admits them."""
     cluster_config = cluster_config_of(cache) if names_config(app, cache) else None
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
@@ -271,7 +269,7 @@ def instance_facts(
         ending=progress.ending,
         needs_domain=asks_domain,
         undecided=asks_domain and domain is None and outcome is None and not instance.problem,
-        **_count_devices(app, instance, devices, cache, idle=idle),
+        **_count_devices(app, instance, devices, cache, views, idle=idle),
         **(_ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
@@ -294,13 +292,23 @@ def instance_facts(
 
 
 def _count_devices(
-    app: App, instance: Instance, held: Collection[Claim], cache: Cache, *, idle: Collection[str]
+    app: App,
+    instance: Instance,
+    held: Collection[Claim],
+    cache: Cache,
+    views: Iterable[ComponentView],
+    *,
+    idle: Collection[str],
 ) -> dict[str, Any]:
-    """Returns how many devices the instance wants now, and has. idle: components that are not started yet, or have ended."""
+    """Returns how many devices the instance wants now, and has, and who has the others.
+
+    idle: components that are not started yet, or have ended.
+    """
     begun = [part for part in app.spec.components if part.replicas and part.name not in idle]
     wanted = sum(claims_wanted(component.devices) for component in begun)
     having = min(_having(held, cache), wanted)
-    busy = _device_conflict(app, instance, cache) if having < wanted else ""
+    is_short = having < wanted or _waits_to_share(begun, views)
+    busy = _device_conflict(app, instance, cache) if is_short else ""
     return {"devices_wanted": wanted, "devices_held": having, "busy": busy}
 
 
@@ -402,6 +410,17 @@ def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:
 
 def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> list[EdgeView]:
     return edge_views(app.edges_in_use, placed=placed, robot_node=instance.node, round_trips=cache.round_trips)
+
+
+def _waits_to_share(components: Iterable[Component], views: Iterable[ComponentView]) -> bool:
+    """Returns whether a component without a node wants a device that it would share: no claim shows that it lacks one."""
+    waiting = {view.name for view in views if not view.bound}
+    return any(
+        not claimed(device) and device.type != GPU
+        for component in components
+        if component.name in waiting
+        for device in component.devices
+    )
 
 
 def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
