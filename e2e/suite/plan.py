@@ -18,8 +18,7 @@ EXCLUSIVE: Final = (
     "tests/live/nodes",
     "tests/live/speed",
     "tests/live/images",
-    "tests/live/reference/test_on_real_nodes.py",
-    "tests/live/reference/test_usb_sensor_on_real_nodes.py",
+    "tests/live/reference/nodes",
     "tests/live/scheduling/pods/test_cost_per_pod.py",
     "e2e/tests/live/switch",
 )
@@ -204,6 +203,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/campaigns/nodes/": ("tests/live/nodes/", "tests/live/reference/", "e2e/tests/live/testbed/"),
     "e2e/campaigns/operating/": ("tests/live/operating/", "tests/live/journeys/"),
     "e2e/campaigns/parity/": ("tests/live/scheduling/pods/test_parity_live.py",),
+    "e2e/campaigns/reference/": ("tests/live/reference/",),
     "e2e/campaigns/restore/": ("tests/live/faults/",),
     "e2e/campaigns/rigs/": ALL_OF_THE_REST,
     "e2e/campaigns/scenarios/": ("tests/live/scheduling/ros/test_scenarios_live.py",),
@@ -244,7 +244,6 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "tests/support/virtual_time.py": ("e2e/tests/campaigns/",),
     "tests/support/work_unit.py": (
         "tests/live/attacks/",
-        "tests/live/reference/",
         "tests/live/nodes/",
         "tests/live/operating/",
         "tests/live/reference/",

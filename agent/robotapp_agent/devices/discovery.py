@@ -7,10 +7,11 @@ from typing import Final, NamedTuple
 import msgspec
 
 from robotapp_agent.devices.device import MOST_NAMES, Device, device_id
-from robotapp_agent.devices.kinds import TYPES, Candidate, candidates, usb_devices
+from robotapp_agent.devices.kinds import Candidate, candidates, usb_devices
 from robotapp_agent.devices.rules import Rules, apply
 from robotapp_agent.devices.tree import MOST_TEXT, Snapshot
 from robotapp_agent.devices.usb import UsbTree
+from robotapp_api.values.devices.words import AGENT_TYPES
 from robotapp_api.values.naming import label_value
 
 NO_RULES: Final = Rules()
@@ -46,7 +47,7 @@ def discover(snapshot: Snapshot, rules: Rules = NO_RULES, *, node: str = "") -> 
     ruled = [each for each in _apply(rules, extra, snapshot, node=node) if each.candidate.type]
     told |= {each.candidate.usb for each in ruled}
     typed += usb_devices(snapshot, usb, told=told)
-    typed = _first_named_usb(typed, but={""}, rank=lambda each: TYPES.index(each.type))
+    typed = _first_named_usb(typed, but={""}, rank=lambda each: AGENT_TYPES.index(each.type))
     ruled += _apply(rules, typed, snapshot, node=node)
     twice = sorted(name for name, count in Counter(_given(each) for each in ruled if each.given).items() if count > 1)
     devices: dict[str, Device] = {}

@@ -10,8 +10,6 @@ from robotapp_agent.devices.tree import USB_DEVICE, Entry, Snapshot
 from robotapp_agent.devices.usb import Usb, UsbTree, function_number, letters
 from robotapp_api.values.naming import label_value
 
-TYPES: Final = ("video", "can", "serial", "gpio", "i2c", "spi", "input", "sound", "gpu", "usb")
-"""In the order in which the first function of a USB device is chosen, which also goes by the name `usb`."""
 _NO_CAMERAS: Final = re.compile(
     r".*(codec|-isp|pispbe|rpivid|hevc-dec|hantro|rkvdec|vepu|vdpu|vdec|venc|wave5|imx8-jpeg|scaler|rotate).*"
 )

@@ -15,8 +15,9 @@ from robotapp_agent.driver.rules.allocation import ResourceClaim, plan_preparati
 from robotapp_agent.driver.rules.cdi_spec import DeviceFile, cdi_id, files_of, spec_of
 from robotapp_agent.driver.rules.ledger import Held, Ledger, PreparedClaim
 from robotapp_agent.driver.rules.refusal import Refusal
+from robotapp_claims.rules.identity import claim_name_device
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_client.api.resources import RESOURCECLAIMS, ROBOTCLAIMS
 from robotapp_client.transport.errors import ClientError, NotFound, means_gone
 
 log = logging.getLogger(__name__)
@@ -35,11 +36,12 @@ MOST_REFUSED: Final = 1024
 
 
 class Patience(NamedTuple):
-    """How long a preparation waits for a device in use. The kubelet would try again after 12 s only, and gives a call 45 s."""
+    """Seconds that a preparation waits for a device in use. The kubelet would try again after 12 s only, and gives a call 45 s."""
 
     first_s: float = 3.0
-    """A claim's first try: enough for a pod that is about to end, and the event that names the holder comes soon."""
+    """A claim's first try while another claim has the device in the API, too: the event that names the holder comes soon."""
     later_s: float = 30.0
+    """A claim's next try, and the first one after a holder whose claim is gone: 30 s are the usual grace period of its pod."""
     look_again_s: float = 1.0
     """A claim that no pod uses keeps its device until it is deleted or deallocated, which only a read shows."""
 
@@ -128,15 +130,37 @@ class DevicePlugin:
         plan = plan_preparation(claim, uid=reference.uid, node=self._node, devices=self._devices, boot_id=self._boot_id)
         if isinstance(plan, Refusal):
             return plan.text
+        if reason := await self._find_robotclaim(plan):
+            return reason
         while (held := self._ledger.find_holder(plan)) and await self._forget_if_gone(held.holder):
             pass
         return plan
 
+    async def _find_robotclaim(self, plan: PreparedClaim) -> str:
+        """Returns why a device that the claim had never before is not handed over: a RobotClaim holds it, or that cannot be read.
+
+        Our scheduler allocates no such device. Another one sees the ResourceSlices alone, and those keep a device that a RobotClaim got
+        after it was published.
+        """
+        recorded_claim = self._ledger.claims.get(plan.uid)
+        known_ids = recorded_claim.device_ids if recorded_claim is not None else frozenset[str]()
+        for device_id in sorted(plan.device_ids - known_ids):
+            name = claim_name_device(self._node, device_id)
+            try:
+                await self._client.get(ROBOTCLAIMS, name, as_type=dict)
+            except NotFound:
+                continue
+            except ClientError as error:
+                return f"whether a RobotClaim holds device {device_id} of node {self._node} cannot be read: {error}"
+            return f"device {device_id} of node {self._node} is in use by RobotClaim {name}; the pod starts when it is free"
+        return ""
+
     async def _wait_until_free(self, plan: PreparedClaim) -> bool:
         """Returns when the claim's devices are free or the patience ends: whether it had to wait."""
-        if self._ledger.find_holder(plan) is None:
+        held = self._ledger.find_holder(plan)
+        if held is None:
             return False
-        patience_s = self._patience.later_s if plan.uid in self._refused else self._patience.first_s
+        patience_s = await self._choose_patience_s(plan, held)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 while held := self._ledger.find_holder(plan):
@@ -145,6 +169,14 @@ class DevicePlugin:
                     elif not await self._forget_if_gone(held.holder):
                         await asyncio.sleep(self._patience.look_again_s)
         return True
+
+    async def _choose_patience_s(self, plan: PreparedClaim, held: Held) -> float:
+        """Returns how long the claim waits for its holder: longer for one whose claim is gone, because its pod is about to end."""
+        if plan.uid in self._refused:
+            return self._patience.later_s
+        allocated = await self._read_allocated(held.holder)
+        is_given_up = allocated is not None and held.device not in allocated
+        return self._patience.later_s if is_given_up else self._patience.first_s
 
     async def _wait_for_release(self, holder: PreparedClaim) -> None:
         async with self._releases:
@@ -216,24 +248,33 @@ class DevicePlugin:
         """Forgets devices of an entry of the ledger that its claim has no more, if no container has them; returns whether it did."""
         if claim.is_prepared(self._boot_id):
             return False
-        try:
-            current = await self._client.get(
-                RESOURCECLAIMS, claim.name, namespace=claim.namespace, as_type=ResourceClaim
-            )
-            is_same = current.metadata.uid == claim.uid
-            allocated = {r.device for r in current.results if r.pool == self._node} if is_same else set()
-        except (ClientError, msgspec.ValidationError) as error:
-            if not (isinstance(error, NotFound) and means_gone(error, claim.name)):
-                return False
-            allocated = set()
+        allocated = await self._read_allocated(claim)
+        if allocated is None:
+            return False
         # An equal entry is not enough: the claim may have been allocated, prepared and given back since it was read.
-        if self._ledger.claims.get(claim.uid) is not claim or (claim.device_ids and claim.device_ids <= allocated):
+        if self._ledger.claims.get(claim.uid) is not claim:
+            return False
+        ledger = self._ledger.forget_unallocated(claim.uid, allocated=allocated, boot_id=self._boot_id)
+        if ledger is self._ledger:
             return False
         try:
             self._folders.cdi.remove(claim.uid)
-            self._save(self._ledger.forget(claim.uid, allocated=allocated))
+            self._save(ledger)
         except OSError as error:
             log.warning("claim %s/%s still keeps its devices: %s", claim.namespace, claim.name, error)
             return False
         log.info("claim %s/%s has given its devices back", claim.namespace, claim.name)
         return True
+
+    async def _read_allocated(self, claim: PreparedClaim) -> set[str] | None:
+        """Returns which devices of this node the API server shows as the claim's, none for a claim that is gone; None if it cannot be read."""
+        try:
+            current = await self._client.get(
+                RESOURCECLAIMS, claim.name, namespace=claim.namespace, as_type=ResourceClaim
+            )
+        except (ClientError, msgspec.ValidationError) as error:
+            is_gone = isinstance(error, NotFound) and means_gone(error, claim.name)
+            return set() if is_gone else None
+        if current.metadata.uid != claim.uid:
+            return set()
+        return {result.device for result in current.results if result.pool == self._node}

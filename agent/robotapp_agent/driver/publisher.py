@@ -111,7 +111,7 @@ class SlicePublisher:
                 self._with_taints = False
                 self.publish_soon()
         for surplus in slices[len(pool_slices) :]:
-            await self._client.delete(RESOURCESLICES, surplus["metadata"]["name"])
+            await self._client.delete(RESOURCESLICES, surplus["metadata"]["name"], uid=surplus["metadata"]["uid"])
         count = sum(len(pool_slice["spec"]["devices"]) for pool_slice in pool_slices)
         log.info("%d devices are published, %d withheld", count, len(self._withheld))
 

@@ -1,4 +1,4 @@
-"""Which instances of an app exist: one in all, one per robot, or one for any robot; and when one has ended.
+"""Which instances of an app exist: one in all, one per robot, one for any robot, or one per combination of a matrix; and when one has ended.
 
 One rule for the operator, which reads caches, and the sweep, which reads afresh: an instance that exists for
 one and not for the other would be created and freed in turn.
@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple, Protocol
 from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.selector import matches_labels
+from robotapp_api.values.sweeps.matrix import expand_matrix
 from robotapp_claims.rules.identity import hash10
 from robotapp_claims.rules.objects import COMPLETE, App, Job, Meta
 
@@ -43,7 +44,8 @@ class Primary:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """`robot` is the instance's key ("" for an app without robots), `node` the robot's primary node.
+    """`robot` is the instance's key ("" for an app without robots, for one with a matrix the name of the combination), `node` the
+    robot's primary node.
 
     problem: why no node of the robot is its primary one, and what to label; `node` is "" then. The instance exists all the
     same: what runs goes on running, and whether a new one starts is for the caller to decide.
@@ -58,19 +60,30 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class RobotSelection:
-    """An app's spec.robots. node_selector is metav1.LabelSelector as plain JSON, None for an app without robots."""
+    """An app's spec.robots and spec.matrix. node_selector is metav1.LabelSelector as plain JSON, None for an app without robots.
+
+    combinations: names of the instances of its matrix, None without one.
+    """
 
     uid: str
     namespace: str
     node_selector: Mapping[str, Any] | None = None
     assignment: str = "Each"
+    combinations: tuple[str, ...] | None = None
 
 
 def robot_selection_of(app: App) -> RobotSelection:
     robots, meta = app.spec.robots, app.metadata
+    if app.spec.matrix is not None:
+        return RobotSelection(meta.uid, meta.namespace, combinations=list_combinations(app.spec.matrix))
     if robots is None:
         return RobotSelection(meta.uid, meta.namespace)
     return RobotSelection(meta.uid, meta.namespace, robots.node_selector, robots.assignment)
+
+
+def list_combinations(matrix: Mapping[str, Any]) -> tuple[str, ...]:
+    """Returns the names of the instances of a matrix, in the order of its values."""
+    return tuple(instance.name for instance in expand_matrix(matrix))
 
 
 def instances_of(
@@ -89,6 +102,8 @@ def instances_of(
     (unreachable: names of nodes) whose primary node is known, spread over the robots by hash instead of always taking the
     first name. kept: those robots out of sight whose instances go on.
     """
+    if selection.combinations is not None:
+        return tuple(map(Instance, sorted(selection.combinations)))
     if selection.node_selector is None:
         return (Instance(),)
     nodes = list(nodes)

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import FROM_TELEMETRY, GPU, HARDWARE_PREFIX, HARDWARE_SOURCE
-from robotapp_api.values.devices.words import PLUGGING_ORDER, list_types
+from robotapp_api.values.devices.words import PLUGGING_ORDER, find_similar_type, list_types
 from robotapp_claims.rules.device import Identified, Kind, is_device
 from robotapp_claims.rules.identity import device_label
 from robotapp_claims.rules.objects import Claim
@@ -203,7 +203,7 @@ def describe_missing(wish: Kind, devices_by_node: Mapping[str, Sequence[Reported
     if same_type:
         return f"{start}, but {_name_all(same_type)}; write {_cure_of(same_type[0][1])}"
     if present:
-        return f"{start}, but {_name_all(present)}; write type and usbID of one of them, or a rule of the agent that names it {wish.type}"
+        return f"{start}, but {_name_all(present)}; {_hint_at(wish)}write {_cure_of(present[0][1])}, or a rule of the agent that names it {wish.type}"
     return f"{start}, which has no device; plug it in (kubectl robotapp devices lists what agents find)"
 
 
@@ -223,6 +223,12 @@ def _is_meant(wish: Kind, device: Reported) -> bool:
         if len(serial) >= SHORTEST_SERIAL and serial in text:
             return True
     return False
+
+
+def _hint_at(wish: Kind) -> str:
+    """Returns a question about a type that looks like a misspelt one, "" for others."""
+    near = find_similar_type(wish.type)
+    return f"did you mean type: {near}? Else " if near else ""
 
 
 def _name_all(places: Sequence[tuple[str, Reported]]) -> str:

@@ -358,6 +358,7 @@ class AppSpec(Object, frozen=True, kw_only=True):
     components: tuple[Component, ...] = ()
     ros2: Ros2 | None = None
     robots: Robots | None = None
+    matrix: dict[str, Any] | None = None
     ros: Ros | None = None
     completion: Completion | None = None
 

@@ -12,7 +12,7 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.device import Device, Requirement
 from robotapp_api.model.names import GPU
 from robotapp_api.values.devices.variables import DEVICE_PREFIX, device_variable
-from robotapp_api.values.devices.words import PLUGGING_ORDER, list_types
+from robotapp_api.values.devices.words import PLUGGING_ORDER, find_similar_type, list_types
 from robotapp_api.values.naming import label_value
 
 _BUILT_ABOVE_A_BUS: Final = frozenset({"lidar", "laser", "imu", "gps", "gnss", "motor"})
@@ -152,6 +152,10 @@ def _type_notes(item: Device | Requirement, at: str) -> Iterator[Note]:
             f"{at}.type",
             f"agents publish what a device is connected by, and no {item.type} unless a rule of theirs names it so; write serial, "
             "usb or can with its usbID or model, or add the rule",
+        )
+    elif near := find_similar_type(item.type):
+        yield Note(
+            f"{at}.type", f'agents publish no {item.type} unless a rule of theirs names it so; did you mean "{near}"?'
         )
     elif kind == GPU and isinstance(item, Device):
         yield Note(

@@ -33,9 +33,13 @@ class InstanceSpec(Model):
     app_uid: Annotated[str, StringConstraints(min_length=1, max_length=36), Field(alias="appUID")]
     """Uid of that RobotApp; another app of the same name has other instances."""
     instance: ShortText = ""
-    """Name of the instance within the app; empty for an app without robots."""
+    """Name of the instance within the app: that of its robot or of its combination of values; empty for an app with neither."""
     robot: ShortText = ""
     """Robot of the instance; empty for an app without robots."""
+    matrix: Annotated[dict[str, Annotated[str, StringConstraints(max_length=128)]], Field(max_length=8)] = Field(
+        default_factory=dict
+    )
+    """Values of the instance by the names of the parameters of the app's matrix; empty without a matrix."""
 
 
 class ComponentStatus(Observed):

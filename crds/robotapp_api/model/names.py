@@ -49,6 +49,10 @@ GPU: Final = "gpu"
 """A device type our scheduler never claims: its device plugin hands it out as an extended resource, the node only has to have one."""
 
 
+QUEUE_NAME: Final = "kueue.x-k8s.io/queue-name"
+"""Label of a RobotApp that its Jobs get: kueue decides by it when they begin, and suspends them until then."""
+
+
 class Label(StrEnum):
     """Labels on children, claims and nodes."""
 

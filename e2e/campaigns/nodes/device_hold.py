@@ -48,6 +48,8 @@ class Result:
     longest_s: float
     rival_ran_s: float | None
     """After the holder's app was deleted; None when it did not run."""
+    rival_story: list[str]
+    """What happened to the rival from then on, with times of day: conditions of its pod, and events about it."""
     problems: list[str]
 
 
@@ -138,14 +140,34 @@ def hold(cp: RealNodes, driver: Process, *, replacements: int, kills: int) -> Re
     finally:
         killer.end()
     cp.kubectl("delete", "robotapp", HOLDER, "-n", NAMESPACE, "--cascade=foreground")
-    begun_s = time.monotonic()
+    begun_s, begun = time.monotonic(), time.strftime("%H:%M:%SZ", time.gmtime())
     rival = await_running(cp, RIVAL)
     rival_ran_s = round(time.monotonic() - begun_s, 2) if rival else None
     if not rival or shell(cp, NAMESPACE, rival, TALK, check=False) != "heard\n":
         problems.append("the rival cannot use the device when the holder is gone")
     return Result(
-        len(times), killer.killed, round(statistics.median(times), 2), round(max(times), 2), rival_ran_s, problems
+        replacements=len(times),
+        kills=killer.killed,
+        median_s=round(statistics.median(times), 2),
+        longest_s=round(max(times), 2),
+        rival_ran_s=rival_ran_s,
+        rival_story=[f"{begun} the holder's app is gone", *(tell_of(cp, rival) if rival else ())],
+        problems=problems,
     )
+
+
+def tell_of(cp: RealNodes, name: str) -> list[str]:
+    """Lists what happened to a pod, oldest first; the API server keeps whole seconds."""
+    (pod,) = [pod for pod in pods_of(cp, RIVAL) if pod["metadata"]["name"] == name]
+    moments = [
+        (condition["lastTransitionTime"], f"{condition['type']}={condition['status']}")
+        for condition in pod["status"]["conditions"]
+    ]
+    path = f"/apis/events.k8s.io/v1/namespaces/{NAMESPACE}/events?fieldSelector=regarding.name={name}"
+    for event in cp.api.get(path)["items"]:
+        seen = event.get("deprecatedLastTimestamp") or event.get("eventTime") or ""
+        moments.append((seen, f"{event.get('reason')}: {event.get('note', '')[:200]}"))
+    return [f"{moment.partition('T')[2]} {text}" for moment, text in sorted(moments)]
 
 
 @contextmanager
@@ -178,7 +200,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         f"{result.kills} kills of the driver, rival ran {result.rival_ran_s} s after the holder was gone; "
         f"{len(result.problems)} problems"
     )
-    print("\n".join(result.problems))
+    print("\n".join([*result.rival_story, *result.problems]))
     save(arguments.json, asdict(result))
     return 1 if result.problems else 0
 

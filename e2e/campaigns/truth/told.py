@@ -73,7 +73,7 @@ def _shares(screen: Screen) -> bool:
     return bool((screen.app["spec"].get("ros2") or {}).get("shareWith"))
 
 
-@of_form(r"(\d+) of (\d+) components on ([^;]+)")
+@of_form(r"(\d+) of (\d+) components? on ([^;]+)")
 def _placed(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
     if match[1] != match[2] or int(match[2]) % len(screen.app["spec"]["components"]):
         yield f"{match[1]} of {match[2]} is no number of whole instances"
@@ -213,7 +213,7 @@ def _lost(screen: Screen, history: History, match: re.Match[str], at: datetime) 
 
 
 def _claimed(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
-    found = re.search(r"(\d+) of (\d+) devices", note)
+    found = re.search(r"(\d+) of (\d+) devices?", note)
     if not found or found[1] != found[2]:
         yield "tells of no device, or not of all"
         return

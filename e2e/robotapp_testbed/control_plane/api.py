@@ -24,7 +24,10 @@ APPLY = "application/apply-patch+yaml"
 
 
 class Api:
-    """Raw access as one identity. Paths are complete (`/api/v1/nodes/edge-1/status`); objects are JSON trees."""
+    """Raw access as one identity. Paths are complete (`/api/v1/nodes/edge-1/status`); objects are JSON trees.
+
+    headers: of every request, such as those of impersonation.
+    """
 
     def __init__(
         self,
@@ -32,6 +35,7 @@ class Api:
         *,
         ca_file: Path,
         token: str,
+        headers: Mapping[str, str] | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -44,6 +48,7 @@ class Api:
             "Authorization": f"Bearer {token}",
             "Accept": "application/json",
             "User-Agent": "robotapp-testbed",
+            **(headers or {}),
         }
         self._local = threading.local()
         self._opened: list[http.client.HTTPSConnection] = []

@@ -15,8 +15,11 @@ from typing import Annotated, Any, Final
 import msgspec
 import yaml
 
+from robotapp_agent.devices.usb import letters
+from robotapp_claims.rules.device import split_identity
 from robotapp_claims.rules.identity import device_label
 from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.machines.fake_host import CONTROLLER
 from robotapp_testbed.machines.network import Topology
 from robotapp_testbed.machines.nodes import Device, SimulatedNode
 from robotapp_testbed.machines.topology import fleet
@@ -101,21 +104,27 @@ def _finished(node: SimulatedNode, entry: _Node | None) -> SimulatedNode:
 
 def _devices(node: str, wanted: Sequence[_Device]) -> tuple[Device, ...]:
     made = tuple(
-        Device(_id(node, each), each.type, each.model, each.interface, each.identity, each.path) for each in wanted
+        Device(_id(node, each, port), each.type, each.model, each.interface, each.identity, each.path)
+        for port, each in enumerate(wanted, start=1)
     )
     if len({each.id for each in made}) < len(made):
         raise ValueError(f"devices of {node}: two have the same interface or identity")
     return made
 
 
-def _id(node: str, device: _Device) -> str:
-    """As an agent names it: what is on USB by vendor, product and serial, anything else by its interface."""
+def _id(node: str, device: _Device, port: int) -> str:
+    """As an agent names it: what is on USB by vendor, product and serial, or else its port; anything else by its interface.
+
+    port: the one into which the doubles of a real node plug the device, by its place in the list.
+    """
     if device.identity:
-        if device.identity.count(":") < 2:
-            raise ValueError(f"devices of {node}: identity {device.identity!r} is not vid:pid:serial")
-        return device_label(f"{device.type}-{device.identity.lower().replace(':', '-')}")
+        parts = split_identity(device.identity)
+        if parts is None:
+            raise ValueError(f"devices of {node}: identity {device.identity!r} is not vid:pid or vid:pid:serial")
+        name = parts.serial.lower() or f"{letters(CONTROLLER.rpartition('/')[2].removeprefix('0000:'))}-{port}"
+        return device_label(f"{device.type}-{parts.vendor}-{parts.product}-{name}")
     if not device.interface:
         raise ValueError(
-            f"devices of {node}: a {device.type} has an interface, such as can0, or an identity vid:pid:serial"
+            f"devices of {node}: a {device.type} has an interface, such as can0, or an identity vid:pid or vid:pid:serial"
         )
     return device_label(f"{device.type}-{device.interface}")

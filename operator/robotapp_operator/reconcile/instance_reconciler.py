@@ -5,7 +5,6 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 """
 
 import logging
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -14,8 +13,7 @@ import msgspec
 from robotapp_api.model.names import EventReason, Label, Reason
 from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
 from robotapp_claims.protocol.domains import ensure_domain
-from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, over_quota
-from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.domain import DomainOutcome, Fence, check_request, over_quota
 from robotapp_claims.rules.instances import Instance, robot_of
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.objects import ResourceClaim
@@ -58,9 +56,10 @@ from robotapp_operator.reconcile.devices.resource_claims import (
     ClaimPlan,
     components_with_pods,
     plan_claims,
-    release_claims,
+    release_unused,
     write_claims,
 )
+from robotapp_operator.reconcile.domain_pools import count_shared_uses, domain_request
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
@@ -68,6 +67,7 @@ from robotapp_operator.watch.lister import (
     app_of_instance,
     cached_domain,
     cluster_config_of,
+    describe_turn,
     instances_by_name,
     names_config,
     needs_domain,
@@ -199,7 +199,7 @@ class Children:
         if problems_now(app, self._cache):
             return not self._must_stop(record, robot, observed)
         app = app_of_instance(app, instance, self._cache)
-        if _must_not_start(instance, observed):
+        if self._must_not_start(app, instance, observed):
             return True
         memory = self._memory.of(uid)
         if not needs_domain(app):
@@ -230,7 +230,7 @@ class Children:
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is None or self._cache.children(uid, robot) or self._cache.domains_held(uid, robot):
             return False
-        request = domain_request(app, instance, scope_value=self._scope_value(app, instance))
+        request = domain_request(app, instance, self._cache)
         if request.share_with or request.isolation != "Domain" or check_request(request, pool) is not None:
             return False
         refusal = over_quota(request, pool, held=self._count_ids(app))
@@ -270,7 +270,7 @@ class Children:
             return await self._stop_if_suspended(record, robot)
         app = app if instance is None else app_of_instance(app, instance, self._cache)
         observed = {} if unread else await self._observe(record, robot)
-        if instance is not None and _must_not_start(instance, observed):
+        if instance is not None and self._must_not_start(app, instance, observed):
             return True
         templates = [item for item in observed.values() if names_domain(item)]
         fences = {item.metadata.name: Fence(item.metadata.uid, item.metadata.resource_version) for item in templates}
@@ -285,10 +285,10 @@ class Children:
             return await self._write(app, robot, wanted, observed, fences)
         outcome = await ensure_domain(
             self._client,
-            domain_request(app, instance, scope_value=self._scope_value(app, instance)),
+            domain_request(app, instance, self._cache),
             app=msgspec.convert(body, ClaimsApp),
             deployments=list(map(protocol_view, templates)),
-            shared_uses=self._shared_uses(app),
+            shared_uses=count_shared_uses(app, self._cache),
             known_claims=self._cache.all_claims,
         )
         memory = self._memory.of(uid)
@@ -310,7 +310,7 @@ class Children:
             for item in running:
                 await stop(self._client, item)
             if not running:
-                await release_claims(self._client, self._claims_to_release(record, robot, observed))
+                await release_unused(self._client, self._claims_to_release(record, robot, observed))
         return True
 
     def _must_stop(self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]) -> bool:
@@ -318,6 +318,12 @@ class Children:
         if not record.suspended:
             return False
         return bool(still_running(record.uid, observed) or self._claims_to_release(record, robot, observed))
+
+    def _must_not_start(self, app: App, instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
+        """Whether nothing of it may be made yet. An instance that is there already goes on as it is written."""
+        return not observed and bool(
+            instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
+        )
 
     def _claims_to_release(
         self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]
@@ -550,51 +556,6 @@ class Children:
         progress = judge_progress(app, observed.values(), now=self._now())
         return plan(app, wanted, observed, version=self._version, settled=settled, progress=progress)
 
-    def _scope_value(self, app: App, instance: Instance) -> str:
-        """Zone and node pools serve the place where the robot is; without a robot the one zone the app names."""
-        pool = self._cache.pools.get(app.pool)
-        scope = pool.spec.scope if pool else "Cluster"
-        node = self._cache.nodes.get(instance.node)
-        if instance.missing:
-            # Where it was when it took its id.
-            places = (claim.spec.domain for claim in self._cache.domains_held(app.uid, instance.robot))
-            return next((place.scope_value for place in places if place and place.pool == app.pool), "")
-        if scope == "Node":
-            return instance.node
-        if scope != "Zone":
-            return ""
-        if node is not None:
-            return node.metadata.labels.get(Label.ZONE, "")
-        zones = app.spec.placement.zones
-        return zones[0] if len(zones) == 1 else ""
-
-    def _shared_uses(self, app: App) -> dict[int, int]:
-        """Deployments per domain id over all apps, for pools with shared ids; {} for apps that share none, to save the count."""
-        if app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
-            return {}
-        groups = (self._cache.deployments.of(uid) for uid in self._cache.apps)
-        named = (deployment_domain(item) for group in groups for item in group.values())
-        return dict(Counter(number for number in named if number is not None))
-
-
-def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainRequest:
-    """The instance's request for a domain."""
-    ros2 = app.spec.ros2
-    return DomainRequest(
-        holder=holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid, instance=instance.robot),
-        pool=app.pool,
-        scope_value=scope_value,
-        requested_id=app.requested_domain,
-        isolation=ros2.isolation if ros2 else "Domain",
-        share_with=app.share_with,
-        allow_unsafe=bool(ros2 and ros2.allow_unsafe_domain),
-    )
-
 
 def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | None:
     return next((instance for instance in instances if instance.robot == robot), None)
-
-
-def _must_not_start(instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
-    """It is unknown which node `@robot` is. An instance that is there already goes on as it is written."""
-    return bool(instance.problem or instance.missing) and not observed

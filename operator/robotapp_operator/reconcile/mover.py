@@ -349,7 +349,7 @@ class Mover:
             if claim.metadata.name != name or claim.metadata.controller_uid != app.uid:
                 continue
             if claim.metadata.namespace == app.namespace:
-                await release_claims(self._client, [claim], unchanged=True)
+                await release_claims(self._client, [claim])
 
     def _tell(self, app: App, own: InstanceMemory, parts: Mapping[str, DeployedPod]) -> None:
         """Write the event of a move when the successor is on a node, about the node that the scheduler has chosen."""

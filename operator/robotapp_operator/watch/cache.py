@@ -149,6 +149,10 @@ class Cache:
         """Another number after every `touch`."""
         return self._versions.get(uid, {}).get(instance, 0)
 
+    def version_of_app(self, uid: str) -> int:
+        """Changes with every object of any instance of the app."""
+        return max(self._versions.get(uid, {}).values(), default=0)
+
     def forget_versions(self) -> None:
         """Forget the numbers, together with everything that was computed for one: tenants name instances by labels, so they only grow."""
         self._versions.clear()

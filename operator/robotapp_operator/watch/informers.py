@@ -23,6 +23,7 @@ from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.enqueue import INSTANCE_DELAY_S, enqueue_instance, enqueue_joined, enqueue_status
 from robotapp_operator.watch.indexes.index import Index, InstanceKey
+from robotapp_operator.watch.lister import admitted_instances
 from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
@@ -142,7 +143,17 @@ class Informers:
             self._children(item)
         if change.new is None or has_ended:
             self._request_sweep()
+            self._begin_next(label(item, Label.APP_UID))
         self._status(item)
+
+    def _begin_next(self, uid: str) -> None:
+        """Adds the instances of a sweep whose turn has come."""
+        record = self._cache.apps.get(uid)
+        if record is None or record.app is None or record.app.spec.matrix is None:
+            return
+        for instance in admitted_instances(record.app, self._cache) - self._cache.running_instances(uid):
+            self._queue.add(Key(Work.CHILDREN, uid, instance))
+            enqueue_status(self._queue, uid, instance)
 
     def _others_may_start(self, before: Deployment | Pod | None, now: Deployment | Pod | None) -> bool:
         """Whether a Deployment or pod has become ready, and others of its app may wait for that."""

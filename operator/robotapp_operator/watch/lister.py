@@ -11,11 +11,11 @@ from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.model.names import GPU, Annotation, Label, Reason
 from robotapp_api.values.overrides import select_overrides
 from robotapp_api.values.placement.tiers import ROBOT
 from robotapp_api.values.quantities.ranges import parse_ids
-from robotapp_claims.rules.device import claims_wanted
+from robotapp_claims.rules.device import claimed, claims_wanted
 from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.identity import granted_devices, shared_devices
 from robotapp_claims.rules.instances import ANY, Instance, robot_of, too_many_missing
@@ -25,7 +25,7 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
-from robotapp_operator.plan.diff.jobs import Progress, judge_progress
+from robotapp_operator.plan.diff.jobs import Progress, judge_progress, list_admitted
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
@@ -85,6 +85,26 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     if kept:
         found = cache.answers.get(app, "instances out of sight too", (version, kept), lambda: work_out(kept))
     return found
+
+
+def admitted_instances(app: App, cache: Cache) -> frozenset[str]:
+    """Returns the unfinished instances of a sweep that may run now."""
+
+    def work_out() -> frozenset[str]:
+        jobs = {name: cache.jobs.of_instance(app.uid, name).values() for name in app.sweep}
+        return list_admitted(app, jobs, cache.running_instances(app.uid))
+
+    answer: frozenset[str] = cache.answers.get(app, "admitted", cache.version_of_app(app.uid), work_out)
+    return answer
+
+
+def describe_turn(app: App, instance: str, cache: Cache) -> str:
+    """Returns why an instance of a sweep does not begin yet, "" for one that may, or has begun."""
+    if app.spec.matrix is None or instance in cache.running_instances(app.uid):
+        return ""
+    if instance in admitted_instances(app, cache):
+        return ""
+    return f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
 
 
 def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
@@ -226,9 +246,7 @@ def instance_facts(
     now_s: float,
     now: datetime,
 ) -> InstanceFacts:
-    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic; `now` is the wall clock.
-    barred: uids of pods that keep our gate, because no node admits them.
-    """
+    """Returns one instance as observed now. now_s: monotonic; barred: uids of pods that keep our gate, as no node admits them."""
     cluster_config = cluster_config_of(cache) if names_config(app, cache) else None
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
@@ -236,8 +254,9 @@ def instance_facts(
     progress = judge_progress(app, cache.jobs.of_instance(app.uid, instance.robot).values(), now=now)
     has_ended = progress.ending is not None
     unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs)
-    asks_domain = needs_domain(app) and not has_ended
-    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
+    turn = describe_turn(app, instance.robot, cache)
+    asks_domain = needs_domain(app) and not has_ended and not turn
+    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress, turn)
     views = list(_view_components(app, instance.robot, sources))
     domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
@@ -251,7 +270,7 @@ def instance_facts(
         ending=progress.ending,
         needs_domain=asks_domain,
         undecided=asks_domain and domain is None and outcome is None and not instance.problem,
-        **_count_devices(app, instance, devices, cache, idle=idle),
+        **_count_devices(app, instance, devices, cache, views, idle=idle),
         **(_ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
@@ -274,13 +293,23 @@ def instance_facts(
 
 
 def _count_devices(
-    app: App, instance: Instance, held: Collection[Claim], cache: Cache, *, idle: Collection[str]
+    app: App,
+    instance: Instance,
+    held: Collection[Claim],
+    cache: Cache,
+    views: Iterable[ComponentView],
+    *,
+    idle: Collection[str],
 ) -> dict[str, Any]:
-    """Returns how many devices the instance wants now, and has. idle: components that are not started yet, or have ended."""
+    """Returns how many devices the instance wants now, and has, and who has the others.
+
+    idle: components that are not started yet, or have ended.
+    """
     begun = [part for part in app.spec.components if part.replicas and part.name not in idle]
     wanted = sum(claims_wanted(component.devices) for component in begun)
     having = min(_having(held, cache), wanted)
-    busy = _device_conflict(app, instance, cache) if having < wanted else ""
+    is_short = having < wanted or _waits_to_share(begun, views)
+    busy = _device_conflict(app, instance, cache) if is_short else ""
     return {"devices_wanted": wanted, "devices_held": having, "busy": busy}
 
 
@@ -384,6 +413,17 @@ def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Ca
     return edge_views(app.edges_in_use, placed=placed, robot_node=instance.node, round_trips=cache.round_trips)
 
 
+def _waits_to_share(components: Iterable[Component], views: Iterable[ComponentView]) -> bool:
+    """Returns whether a component without a node wants a device that it would share: no claim shows that it lacks one."""
+    waiting = {view.name for view in views if not view.bound}
+    return any(
+        not claimed(device) and device.type != GPU
+        for component in components
+        if component.name in waiting
+        for device in component.devices
+    )
+
+
 def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
     return device_trouble(
         app, instance, claims=cache.claims_by_name, telemetry=_in_reach(app, instance, cache), nodes=cache.nodes
@@ -481,7 +521,8 @@ def _not_restarted(deployments: Iterable[Deployment], pods: Mapping[str, list[Po
 class ComponentSources(NamedTuple):
     """What the views of an instance's components are made of.
 
-    cluster_config: None for an app that names no ConfigMap or Secret. unmet: for which others each component waits.
+    cluster_config: None for an app that names no ConfigMap or Secret. unmet: for which others each component waits. turn: why the
+    instance does not begin yet.
     """
 
     deployments: Sequence[Deployment]
@@ -491,6 +532,7 @@ class ComponentSources(NamedTuple):
     cluster_config: ClusterConfig | None
     unmet: Mapping[str, Sequence[str]]
     progress: Progress
+    turn: str
 
 
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
@@ -501,6 +543,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
         deployment = by_component.get(component.name)
         job = sources.progress.jobs.get(component.name)
         workload = job if component.job is not None else deployment
+        wait = sources.turn or describe_wait(app, sources.unmet.get(component.name, ()))
         own_pods = sources.pods.get(workload.metadata.uid, ()) if workload else ()
         content = config_content(component, app, robot, sources.cluster_config) if sources.cluster_config else None
         if component.job is not None:
@@ -512,7 +555,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
                 lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
                 barred=sources.barred,
                 failures=cache.pod_failures,
-                wait=describe_wait(app, sources.unmet.get(component.name, ())),
+                wait=wait,
                 ending=sources.progress.ending,
             )
             continue
@@ -524,7 +567,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
             lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
             barred=sources.barred,
             failures=cache.pod_failures,
-            wait=describe_wait(app, sources.unmet.get(component.name, ())),
+            wait=wait,
         )
 
 

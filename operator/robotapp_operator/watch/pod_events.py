@@ -75,7 +75,9 @@ class PodEvents:
         clock: Callable[[], float],
         on_refused: Callable[[Pod], Awaitable[None]] | None = None,
     ) -> None:
-        """on_refused: called again and again with a pod whose device another claim has kept for GIVE_BACK_S."""
+        """on_refused: called again and again with a pod that could not have its device for GIVE_BACK_S, because another claim keeps it, or
+        because its own claim was deleted.
+        """
         self._on_refused = on_refused
         self._client = client
         self._cache = cache
@@ -85,7 +87,7 @@ class PodEvents:
         """By namespace and uid of a waiting pod: when its events were read last."""
         self._began_s: dict[str, float] = {}
         self._refused_s: dict[str, float] = {}
-        """By the uid of a waiting pod: when it was first seen that another claim has its device."""
+        """By the uid of a waiting pod: when it was first seen that it cannot have its device."""
 
     def __repr__(self) -> str:
         return f"<PodEvents: {sum(map(len, self._read_s.values()))} pods>"
@@ -122,14 +124,15 @@ class PodEvents:
         return SOON_S if is_new else LATER_S
 
     def _is_refused(self, pod: Pod, now_s: float) -> bool:
-        """Whether the driver has refused the pod its device for so long that it shall have another one.
+        """Whether the pod could not have its device for so long that it shall have another one.
 
         A driver that is away refuses nothing: its claims stay as they are. The event outlives the refusal, so a pod that waits for
         something later, such as its image, has its device.
         """
         uid = pod.metadata.uid
         failure = self._cache.pod_failures.get(uid, "")
-        if not (failure.startswith("FailedPrepareDynamicResources") and IN_USE in failure and awaits_sandbox(pod)):
+        is_unprepared = failure.startswith("FailedPrepareDynamicResources") and awaits_sandbox(pod)
+        if not (is_unprepared and (IN_USE in failure or self._cache.allocations.lacks_its_claim(pod))):
             self._refused_s.pop(uid, None)
             return False
         return now_s - self._refused_s.setdefault(uid, now_s) >= GIVE_BACK_S

@@ -10,6 +10,7 @@ import yaml
 from tests.live.attacks import agent_tokens
 from tests.live.attacks.table import kinds
 from tests.live.attacks.table.attack import Attack, Json, Road, merge_patch
+from tests.live.attacks.table.devices import ATTACKED, SLICES
 from tests.live.attacks.table.stolen_agents import NODE, OTHER
 
 from robotapp_testbed import ControlPlane
@@ -21,6 +22,8 @@ from robotapp_testbed.machines.nodes import robot
 from robotapp_testbed.machines.telemetry import create
 
 _POLICIES_S = 90.0
+_VENDOR = "attacking-vendor"
+"""ClusterRole and account of another driver."""
 _RIGHTS = {
     "clerk": ["--verb=*", "--resource=robotapps.robotics.io"],
     "deputy": ["--verb=*", "--resource=*.robotics.io"],
@@ -83,10 +86,10 @@ def _apply(attacker: Api, path: str, obj: Json) -> Json:
 @contextmanager
 def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[Attackers]:
     """Two namespaces; `tenant` is admin of the first, where clerk and deputy are ServiceAccounts. Two nodes with telemetry."""
-    with created(plane, own), created(plane, victim), _nodes(plane) as agent:
+    with created(plane, own), created(plane, victim), _nodes(plane) as agent, _vendor(plane, own) as vendor:
         plane.kubectl("create", "rolebinding", "tenant", "--clusterrole=admin", "--user=tenant", "-n", own)
         tokens = {name: _token(plane, name) for name in ("tenant", "operator", "scheduler", "labeller")}
-        tokens["agent"] = agent
+        tokens |= {"agent": agent, "vendor": vendor}
         for name, rights in _RIGHTS.items():
             plane.kubectl("create", "serviceaccount", name, "-n", own)
             plane.kubectl("create", "role", name, *rights, "-n", own)
@@ -97,6 +100,8 @@ def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[Attackers]:
         plane.kubectl("create", "rolebinding", "editor", *role, "-n", own)
         tokens["editor"] = plane.kubectl("create", "token", "editor", "-n", own).strip()
         apis = {name: Api(plane.server_url, ca_file=plane.ca_file, token=token) for name, token in tokens.items()}
+        kubelet = {"Impersonate-User": f"system:node:{NODE}", "Impersonate-Group": "system:nodes"}
+        apis["kubelet"] = Api(plane.server_url, ca_file=plane.ca_file, token=_token(plane, "admin"), headers=kubelet)
         namespaces = {"own": own, "victim": victim, "system": "robotapp-system"}
         attackers = Attackers(plane.api, apis, namespaces)
         try:
@@ -121,6 +126,21 @@ def _nodes(plane: ControlPlane) -> Iterator[str]:
         topology.remove(plane, nodes)
 
 
+@contextmanager
+def _vendor(plane: ControlPlane, namespace: str) -> Iterator[str]:
+    """The token of another driver, which may write ResourceSlices of all nodes."""
+    plane.kubectl("create", "serviceaccount", _VENDOR, "-n", namespace)
+    plane.kubectl("create", "clusterrole", _VENDOR, "--verb=*", "--resource=resourceslices.resource.k8s.io")
+    account = f"--serviceaccount={namespace}:{_VENDOR}"
+    plane.kubectl("create", "clusterrolebinding", _VENDOR, f"--clusterrole={_VENDOR}", account)
+    try:
+        yield plane.kubectl("create", "token", _VENDOR, "-n", namespace).strip()
+    finally:
+        plane.kubectl("delete", "clusterrolebinding,clusterrole", _VENDOR)
+        plane.kubectl("delete", "resourceslices", "-l", f"{ATTACKED}=true")
+        plane.kubectl("delete", "deviceclasses,devicetaintrules", "-l", f"{ATTACKED}=true")
+
+
 def _token(plane: ControlPlane, name: str) -> str:
     loaded = yaml.safe_load(plane.kubeconfig(name).read_text())
     return str(loaded["users"][0]["user"]["token"])
@@ -128,11 +148,21 @@ def _token(plane: ControlPlane, name: str) -> str:
 
 def _await_policies(attackers: Attackers) -> None:
     """The API server compiles a new policy in the background; `product.install` cannot wait for those of RobotApps."""
+    app = {"apiVersion": kinds.ROBOTAPP.version, "kind": kinds.ROBOTAPP.kind, "metadata": {"name": "probe"}}
+    apps = kinds.ROBOTAPP.path(attackers.namespaces["own"])
+    forged = SLICES[0].changed({**SLICES[0].good, "metadata": {"name": "probe"}})
+    probes = {
+        "references": ("clerk", apps, {**app, **kinds.templated(serviceAccountName="deployer")}),
+        "host-access": ("clerk", apps, {**app, **kinds.templated(hostNetwork=True)}),
+        "device-slices": (
+            "kubelet",
+            kinds.RESOURCE_SLICE.path(""),
+            {"apiVersion": kinds.RESOURCE_SLICE.version, "kind": kinds.RESOURCE_SLICE.kind, **forged},
+        ),
+    }
     until = time.monotonic() + _POLICIES_S
-    for name, pod in (("references", {"serviceAccountName": "deployer"}), ("host-access", {"hostNetwork": True})):
-        body = {"apiVersion": kinds.ROBOTAPP.version, "kind": kinds.ROBOTAPP.kind, "metadata": {"name": "probe"}}
-        path = f"{kinds.ROBOTAPP.path(attackers.namespaces['own'])}?dryRun=All"
-        while not _is_refused(attackers.apis["clerk"], path, {**body, **kinds.templated(**pod)}):
+    for name, (who, path, body) in probes.items():
+        while not _is_refused(attackers.apis[who], f"{path}?dryRun=All", body):
             if time.monotonic() > until:
                 raise TimeoutError(f"the policy robotapp-{name} did not decide within {_POLICIES_S:.0f} s")
             time.sleep(0.1)

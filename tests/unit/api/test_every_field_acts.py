@@ -54,6 +54,8 @@ READERS: Final[Mapping[str, str]] = {
         spec.recordings.tiers spec.recordings.image spec.recordings.imagePullPolicy spec.recordings.resources""",
     f"{CLAIMS}/instances.py": """
         spec.robots.assignment spec.completion.success.operator spec.completion.success.components spec.completion.deadline""",
+    "crds/robotapp_api/values/sweeps/matrix.py": """
+        spec.matrix.parameters.name spec.matrix.parameters.values spec.matrix.parallelism""",
     f"{CLAIMS}/device.py": """
         spec.components.devices.type spec.components.devices.model spec.components.devices.interface
         spec.components.devices.usbID spec.components.devices.sharing""",
@@ -180,6 +182,7 @@ OBSERVED: Final[Mapping[str, str]] = {
     "claims/robotapp_claims/protocol/claim_nodes.py": "claimed.nodes",
     "claims/robotapp_claims/protocol/writes.py": "claimed.node",
     "operator/robotapp_operator/watch/informers.py": "named.app named.appUID named.instance",
+    "cli/robotapp_cli/reading/runs.py": "named.matrix",
     "cli/robotapp_cli/reading/instances.py": "instance.phase instance.domain app.troubled.instance",
     "cli/robotapp_cli/commands/apps.py": """
         app.observedGeneration app.phase app.conditions.type app.conditions.status app.conditions.reason

@@ -12,9 +12,9 @@ from rigel_bridge.document.naming import MAX_APP_NAME, MAX_COMPONENT_NAME
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.schema import robotapp_schema
 from rigel_bridge.render.workloads import pod_annotations
-from robotapp_agent.devices.kinds import TYPES
 from robotapp_api.model import names
 from robotapp_api.model.app import component
+from robotapp_api.values.devices.words import AGENT_TYPES
 from robotapp_api.values.quantities.ranges import MAX_ID, is_safe_id
 from robotapp_scheduler.core.api.ros import EXCLUSIVE_TYPES, TIERS
 from ros_profile.knowledge import hardware
@@ -66,14 +66,14 @@ def test_qos_classes_have_one_order() -> None:
 
 def test_the_same_hardware_is_held_by_one_component_everywhere() -> None:
     assert held.EXCLUSIVE_TYPES == EXCLUSIVE_TYPES
-    assert set(TYPES) >= held.CLAIMED_TYPES > EXCLUSIVE_TYPES
+    assert set(AGENT_TYPES) >= held.CLAIMED_TYPES > EXCLUSIVE_TYPES
 
 
 OPENED = {"camera": "video", "usb": "input"}
 """Types of source that have another word in the API, for which an agent looks."""
 
 
-@pytest.mark.parametrize("kind", sorted(set(TYPES) - {"usb"}))
+@pytest.mark.parametrize("kind", sorted(set(AGENT_TYPES) - {"usb"}))
 def test_a_rigelfile_and_a_profile_give_the_same_field_for_hardware(kind: str) -> None:
     """Twice the same: two devices, or one property of the node."""
     block = f"scheduler: {{affinity: {{hardware_requirements: [{{type: {kind}}}, {{type: {kind}}}]}}}}"
@@ -88,7 +88,7 @@ def test_a_rigelfile_and_a_profile_give_the_same_field_for_hardware(kind: str) -
 
 
 def test_hardware_has_the_types_that_node_agents_report() -> None:
-    assert {values.requirement(Hardware(kind))["type"] for kind in hardware.TYPES} <= set(TYPES)
+    assert {values.requirement(Hardware(kind))["type"] for kind in hardware.TYPES} <= set(AGENT_TYPES)
 
 
 def test_tiers_are_those_of_runs_on() -> None:

@@ -11,8 +11,8 @@ import yaml
 from tests.support.factories import component, make_app
 
 from campaigns.claims import claims_weakened
-from robotapp_agent.devices.kinds import TYPES
 from robotapp_agent.report.status import SECTIONS
+from robotapp_api.values.devices.words import AGENT_TYPES
 from robotapp_operator import settings
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.render.pod_template import environment
@@ -114,7 +114,7 @@ def test_the_table_of_flags_is_that_of_the_program(
 
 
 def test_the_pages_of_devices_and_agent_list_what_the_agent_reports() -> None:
-    assert set(first_column("devices.md", "## Types")) == set(TYPES)
+    assert set(first_column("devices.md", "## Types")) == set(AGENT_TYPES)
     reported = {code.partition(".")[0] for code in first_column("agent.md", "## What is reported")}
     assert reported == SECTIONS - {"intervalSeconds", "seq"}
 
@@ -146,4 +146,4 @@ def test_the_page_of_the_environment_lists_every_variable_that_the_operator_sets
             variables = environment(part, desired_of(app, "amr-07"), domain=domain, state=ParameterState(hash="0"))
             found |= {variable["name"] for variable in variables}
     listed = first_column("environment.md", "# Environment variables")
-    assert set(listed) - {"ROBOTAPP_DEVICE_<NAME>", "<name>"} == found
+    assert set(listed) - {"ROBOTAPP_DEVICE_<NAME>", "MATRIX_<NAME>", "<name>"} == found

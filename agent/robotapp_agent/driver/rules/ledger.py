@@ -94,8 +94,14 @@ class Ledger(msgspec.Struct, frozen=True):
             return self.forget(uid, allocated=())
         return Ledger(claims={**self.claims, uid: msgspec.structs.replace(claim, boot_id="")})
 
+    def forget_unallocated(self, uid: str, *, allocated: Collection[str], boot_id: str) -> "Ledger":
+        """The ledger without the devices of a claim that are not allocated to it any more; itself while containers may have them."""
+        claim = self.claims[uid]
+        is_kept = claim.is_prepared(boot_id) or (claim.device_ids and claim.device_ids.issubset(allocated))
+        return self if is_kept else self.forget(uid, allocated=allocated)
+
     def forget(self, uid: str, *, allocated: Collection[str]) -> "Ledger":
-        """The ledger without the devices of a claim that are not allocated to it any more."""
+        """The ledger without the devices of a claim that it is not to keep."""
         claim = self.claims[uid]
         devices = tuple(device for device in claim.devices if device.device in allocated and not device.admin)
         if devices:

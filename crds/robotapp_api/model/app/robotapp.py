@@ -9,7 +9,7 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.edge import Edge
 from robotapp_api.model.app.override import Override
 from robotapp_api.model.app.placement import Placement
-from robotapp_api.model.app.robots import Robots
+from robotapp_api.model.app.robots import Matrix, Robots
 from robotapp_api.model.app.ros import Ros, Ros1, Ros2
 from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.base import Model, ObjectMeta
@@ -132,6 +132,26 @@ class RobotAppSpec(Model):
             path=".ros2.domain",
         ),
         Rule(
+            rule="!has(self.matrix) || !has(self.robots)",
+            message="a sweep has an instance for each combination of values, and robots have one each; remove matrix or robots",
+            path=".matrix",
+        ),
+        Rule(
+            rule=f"!has(self.matrix) || {_JOBS}.size() > 0",
+            message="an instance of a sweep ends with its components that have job, and none has it, so later instances would wait for ever; write job: {} in the component whose program ends",
+            path=".components",
+        ),
+        Rule(
+            rule="!has(self.matrix) || has(self.completion) || (!has(self.recordings) && self.components.all(c, has(c.job)))",
+            message="an instance of a sweep would not end, because it has components or recordings that run on; write completion: {} to end it with its jobs",
+            path=".completion",
+        ),
+        Rule(
+            rule="!has(self.matrix) || !has(self.ros2) || !has(self.ros2.domain) || self.ros2.isolation == 'Discovery'",
+            message="one domain for all instances of a sweep would let them obey each other's topics; drop ros2.domain, or write ros2.isolation: Discovery",
+            path=".ros2.domain",
+        ),
+        Rule(
             rule=f"!has(self.overrides) || self.overrides.all(o, sets.contains({_NAMES}, o.components.map(c, c.name)))",
             message="components of an override must be components of this app; write the name of one",
             expression=f"'overrides name components that this app does not have: %s; the components are %s'.format([self.overrides.filter(o, !sets.contains({_NAMES}, o.components.map(c, c.name))).map(o, o.components.map(c, c.name)), {_NAMES}])",
@@ -156,6 +176,8 @@ class RobotAppSpec(Model):
     """ROS version and distribution."""
     robots: Robots | None = None
     """Robots the app runs for; absent means one instance that belongs to no robot."""
+    matrix: Matrix | None = None
+    """A sweep: an instance for each combination of the values of its parameters. Absent means none."""
     components: Annotated[tuple[Component, ...], ListMap("name"), Field(min_length=1, max_length=64)]
     """Processes of the app; each becomes one Deployment per instance, or one Job if it ends."""
     edges: Annotated[tuple[Edge, ...], ListMap("kind", "topic", "from", "to"), Field(max_length=256)] = ()

@@ -170,7 +170,7 @@ class LedgerModel:
     def _is_named(self, s: State, i: int) -> bool:
         if any(claim and i in claim[1] for claim in s.claims) or any(call[1] == i for call in s.calls):
             return True
-        return any(one[0] in {"allocate", "reserve", "stand", "bind", "evict"} and one[1] == i for one in s.schedulers)
+        return any(one[0] in {"allocate", "reserve", "bind", "evict"} and one[1] == i for one in s.schedulers)
 
     def _end(self, s: State, i: int, pod: Pod) -> Iterator[Move]:
         """The kubelet stops the container, has the driver unprepare, and then lets the object go."""
@@ -272,7 +272,7 @@ class LedgerModel:
             return
         yield move(s, f"scheduler {k} dies", False, schedulers=self._after(s, k=k))
         step, target, x = one
-        if step in {"allocate", "reserve", "stand"}:
+        if step in {"allocate", "reserve"}:
             yield from self._reserve(s, k, one)
         elif step == "bind":
             pod = Pod(BOUND)
@@ -291,14 +291,15 @@ class LedgerModel:
             claim = s.claims[h]
             if pod.phase != PENDING or claim is None or (kind == THEIRS) != (h in self.theirs):
                 continue
-            device, pods, _ = claim
-            has_others = any(s.pods[j].phase in EXISTS for j in pods if j != i)
+            device, pods, is_standing = claim
+            others = tuple(j for j in pods if j != i and s.pods[j].phase in EXISTS)
             if device == NONE:
                 steps = [("allocate", i, x) for x in range(self.devices) if self._looks_free(s, x, kind)]
             elif i in pods:
                 steps = [("bind", i, device)]
             else:
-                steps = [("reserve", i, device)] if kind == THEIRS or self.rules.may_reserve(has_others) else []
+                is_free = kind == THEIRS or self.rules.may_reserve(others, is_standing, i)
+                steps = [("reserve", i, device)] if is_free else []
             for step in steps:
                 first = ("bind", i, step[2]) if self.rules.binds_first and kind == OURS else step
                 yield self._on(s, k, first, f"{step[0]} d{step[2]} for p{i}")
@@ -316,14 +317,13 @@ class LedgerModel:
         if claim is None:
             yield move(s, "404", True, schedulers=self._after(s, k=k))
             return
-        pods = claim[1] if step == "reserve" else ()
-        if self.schedulers[k] == OURS and self.rules.drops_gone:
-            pods = tuple(j for j in pods if s.pods[j].phase in EXISTS)
-        is_standing = self.schedulers[k] == OURS and self.rules.stands
+        pods, was_standing = claim[1:] if step == "reserve" else ((), False)
+        if self.schedulers[k] == OURS:
+            users, is_standing = self.rules.list_users(pods, was_standing, i, step != "reserve")
+        else:
+            users, is_standing = frozenset({*pods, i}), False
         to = IDLE if s.pods[i].phase != PENDING else ("bind", i, x)
-        yield self._write(
-            s, f"claim{h} has d{x} for p{i}", True, h, (x, tuple(sorted({*pods, i})), is_standing), k=k, to=to
-        )
+        yield self._write(s, f"claim{h} has d{x} for p{i}", True, h, (x, tuple(sorted(users)), is_standing), k=k, to=to)
 
     def _tidy(self, s: State, k: int) -> Iterator[Move]:
         """Begins to release what an app does not want any more, and to give back what the driver refuses."""

@@ -1,7 +1,28 @@
-"""The rules of the device ledger as docs/claims.md states them, and weaker ones that the search must notice.
+"""The product's decisions on devices as ResourceClaims, asked with model states, and weaker ones that the search must notice.
 
-The ledger is the ResourceClaims of one node and the lock of its driver. A rule decides; what it decides about is in `ledger`.
+The ledger is the ResourceClaims of one node and the lock of its driver. A rule decides; what it decides about is in `ledger`. The order
+of reads and writes is no function of the product, so it is stated here.
 """
+
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+
+from robotapp_agent.driver.rules.ledger import Ledger, PreparedClaim, PreparedDevice
+from robotapp_api.model.names import API_VERSION, GROUP, Label
+from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
+from robotapp_scheduler.core.dynamic_resources.standing_consumers import (
+    find_release_reason,
+    list_next_users,
+    list_predecessors,
+)
+
+_BOOT: Final = "boot-1"
+_NODE: Final = "robot-1"
+_APP: Final = {"name": "patrol", "uid": "uid-app"}
+_APP_USER: Final = {"apiGroup": GROUP, "resource": "robotapps", **_APP}
 
 
 class LedgerRules:
@@ -9,8 +30,6 @@ class LedgerRules:
 
     compares = True
     """Status writes of claims carry the version that was read."""
-    stands = True
-    """Our scheduler's allocation carries the app as a consumer of its own, in the same write."""
     binds_first = False
     """A pod is bound before its claim is written."""
     release_order = "claim, pods, app"
@@ -21,24 +40,70 @@ class LedgerRules:
     """The driver writes its lock to the disk before it replies."""
     one_at_a_time = True
     """The driver reads the last claim of a device and locks it for the next with no other preparation of that device between."""
-    drops_gone = True
-    """The write that adds a pod to an allocated claim takes off those that are gone: what the driver refused them is no news of this one."""
+    stands = True
+    """A claim of ours has no finalizer, by which the controller would empty it when its last pod has gone."""
     helps_all = True
     """A refused pod is replaced whoever placed it."""
 
-    def may_reserve(self, others_exist: bool) -> bool:
-        """Tells whether a pod may join an allocated claim. others_exist: another consumer of the claim is a pod that exists."""
-        return not others_exist
+    def __init__(self) -> None:
+        for name in ("list_users", "may_reserve", "may_release", "grants"):
+            setattr(self, name, cache(getattr(self, name)))
+
+    def list_users(
+        self, pods: tuple[int, ...], is_standing: bool, pod: int, allocates: bool
+    ) -> tuple[frozenset[int], bool]:
+        """Lists the pods that are consumers of a claim of ours when this one is entered, and whether its app is one. allocates: in the
+        same write.
+        """
+        claim = _make_claim(pods, is_standing=is_standing, is_allocated=not allocates)
+        users = list_next_users(claim, name=str(pod), uid=str(pod), allocates=allocates)
+        has_app = any(user.resource == "robotapps" for user in users)
+        return frozenset(int(user.name) for user in users if user.resource == "pods"), has_app
+
+    def may_reserve(self, others: tuple[int, ...], is_standing: bool, pod: int) -> bool:
+        """Tells whether a pod may join an allocated claim of ours. others: consumers of the claim that are pods that exist."""
+        claim = _make_claim(others, is_standing=is_standing, is_allocated=True)
+        return not list_predecessors(claim, str(pod))
 
     def may_release(self, wanted: bool, pods_exist: bool) -> bool:
         """Tells whether an allocated claim may be emptied. wanted: its app lives and is not suspended. pods_exist: one of its consumers does."""
-        return not wanted and not pods_exist
+        claim = _make_claim((0,) if pods_exist else (), is_standing=True, is_allocated=True)
+        component = {"name": "driver", "devices": [{"name": "arm", "type": "serial"}]}
+        app = {"metadata": {**_APP, "namespace": "team"}, "spec": {"components": [component], "suspend": not wanted}}
+        return bool(find_release_reason(claim, msgspec.convert(app, RobotApp), exists=lambda node: node == _NODE))
 
     def grants(self, prepared: bool, holder_allocated: bool) -> bool:
         """Tells whether the driver prepares a device that another claim had last. prepared: it is prepared for that one.
         holder_allocated: that claim, read now, still has the device.
         """
-        return not prepared and not holder_allocated
+        ledger = Ledger().prepare(_make_entry("holder"))
+        assert isinstance(ledger, Ledger)
+        ledger = ledger if prepared else ledger.release("holder")
+        if "holder" in ledger.claims:
+            allocated = {"arm"} if holder_allocated else set()
+            ledger = ledger.forget_unallocated("holder", allocated=allocated, boot_id=_BOOT)
+        return isinstance(ledger.prepare(_make_entry("next")), Ledger)
+
+
+def _make_claim(pods: tuple[int, ...], *, is_standing: bool, is_allocated: bool) -> ResourceClaim:
+    users = [{"resource": "pods", "name": str(pod), "uid": str(pod)} for pod in pods]
+    term = {"matchFields": [{"key": "metadata.name", "operator": "In", "values": [_NODE]}]}
+    allocation = {"devices": {"results": []}, "nodeSelector": {"nodeSelectorTerms": [term]}}
+    status: dict[str, Any] = {"reservedFor": [*users, *([_APP_USER] if is_standing else [])]}
+    owner = {**_APP, "apiVersion": API_VERSION, "kind": "RobotApp", "controller": True}
+    metadata = {
+        "name": "driver",
+        "namespace": "team",
+        "ownerReferences": [owner],
+        "labels": {Label.COMPONENT.value: "driver"},
+    }
+    body = {"metadata": metadata, "status": status | ({"allocation": allocation} if is_allocated else {})}
+    return msgspec.convert(body, ResourceClaim)
+
+
+def _make_entry(uid: str) -> PreparedClaim:
+    device = PreparedDevice(request="arm", pool=_NODE, device="arm", variable="ARM")
+    return PreparedClaim(uid=uid, namespace="team", name=uid, boot_id=_BOOT, devices=(device,))
 
 
 class LockEndsWithThePod(LedgerRules):
@@ -58,14 +123,26 @@ class NoLock(LedgerRules):
 class SuccessorJoins(LedgerRules):
     """CM3: the next pod of a component joins its claim while the previous one terminates."""
 
-    def may_reserve(self, others_exist: bool) -> bool:  # noqa: ARG002 - nobody looks
+    def may_reserve(self, others: tuple[int, ...], is_standing: bool, pod: int) -> bool:  # noqa: ARG002 - nobody looks
         return True
 
 
 class NoStandingConsumer(LedgerRules):
-    """CM4: pods are the only consumers, as kube-scheduler writes them."""
+    """CM4: pods are the only consumers, as kube-scheduler writes them; the next one waits for them all the same."""
 
     stands = False
+
+    def may_reserve(self, others: tuple[int, ...], is_standing: bool, pod: int) -> bool:  # noqa: ARG002 - none stands
+        return not others
+
+    def list_users(
+        self,
+        pods: tuple[int, ...],
+        is_standing: bool,  # noqa: ARG002 - none stands
+        pod: int,
+        allocates: bool,  # noqa: ARG002 - none stands
+    ) -> tuple[frozenset[int], bool]:
+        return frozenset({*pods, pod}), False
 
 
 class ReleasedUnderPods(LedgerRules):
@@ -120,7 +197,10 @@ class BoundFirst(LedgerRules):
 class OldRefusals(LedgerRules):
     """CM13: consumers that are gone stay in the claim, with what the driver refused them."""
 
-    drops_gone = False
+    def list_users(
+        self, pods: tuple[int, ...], is_standing: bool, pod: int, allocates: bool
+    ) -> tuple[frozenset[int], bool]:
+        return frozenset({*pods, pod}), is_standing or allocates
 
 
 class LockChangedUnseen(LedgerRules):

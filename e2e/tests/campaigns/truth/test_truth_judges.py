@@ -99,7 +99,7 @@ def event(reason: str, note: str, *, ago: timedelta = timedelta()) -> dict[str, 
 
 
 TRUE_EVENTS = [
-    ("DeviceClaimed", "domain 7; 1 of 1 devices reserved"),
+    ("DeviceClaimed", "domain 7; 1 of 1 device reserved"),
     ("Placed", "2 of 2 components on amr, edge"),
     ("DeviceLost", "talk: device cam on edge is gone: plug it in again; onLoss decides what happens to the pod"),
     ("BudgetExceeded", "1 of 1 edge is over budget, worst /t talk -> hear 5ms of 40ms; move a component closer"),
@@ -112,7 +112,7 @@ FALSE_EVENTS = [
         "DeviceLost",
         "talk: device cam on edge is gone: plug it in again (hear would have 2ms on edge, but it is closed)",
     ),
-    ("DeviceReturned", "device cam on edge is back: domain 7; 1 of 1 devices"),
+    ("DeviceReturned", "device cam on edge is back: domain 7; 1 of 1 device"),
     ("DeviceBusy", "device cam on edge is held by n/other: it is free when its holder is deleted or suspended"),
     ("BudgetExceeded", "1 of 1 edge is over budget, worst /t talk -> hear 9ms of 40ms; move a component closer"),
     ("BudgetExceeded", "1 of 1 edge is over budget, worst /t talk -> hear 5ms of 30ms; move a component closer"),
@@ -122,7 +122,7 @@ FALSE_EVENTS = [
     ("RobotOffline", "node amr of the robot is not Ready: kubectl describe node amr shows why"),
     ("DomainAllocated", "domain 7"),
     ("DeviceClaimed", "domain 7; 2 of 2 devices reserved"),
-    ("DeviceClaimed", "domain 7; 0 of 1 devices reserved"),
+    ("DeviceClaimed", "domain 7; 0 of 1 device reserved"),
     ("Invented", "something"),
 ]
 

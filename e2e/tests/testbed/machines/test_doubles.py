@@ -6,6 +6,7 @@ import pytest
 
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
 from robotapp_testbed.machines.doubles import Doubles
+from robotapp_testbed.machines.fleet_file import topology_of
 from robotapp_testbed.machines.nodes import Device
 
 DECLARED = [
@@ -44,5 +45,20 @@ def test_what_is_unplugged_is_found_no_longer_and_comes_back_under_its_id(tmp_pa
         assert found(doubles) == {}
         doubles.plug(device.id)
         assert found(doubles).keys() == {device.id}
+    finally:
+        doubles.close()
+
+
+def test_an_agent_names_devices_without_a_serial_as_a_fleet_file_does(tmp_path: Path) -> None:
+    declared = [
+        {"type": "can", "interface": "can0"},
+        {"type": "serial", "identity": "10c4:ea60"},
+        {"type": "serial", "identity": "10C4:EA60"},
+        {"type": "serial", "identity": "0403:6001:A50285BI"},
+    ]
+    (node,) = topology_of({"robots": [{"name": "amr-07", "devices": declared}]}).nodes.values()
+    doubles = Doubles(tmp_path, node.devices)
+    try:
+        assert sorted(found(doubles)) == sorted(device.id for device in node.devices)
     finally:
         doubles.close()

@@ -28,8 +28,8 @@ def test_the_example_has_the_robot_and_the_bus_of_the_other_examples() -> None:
         ({"robots": [{"name": "a", "devices": [{"interface": "can0"}]}]}, "missing required field `type`"),
         ({"robots": [{"name": "a", "devices": [{"type": "can"}]}]}, "devices of a: a can has an interface"),
         (
-            {"robots": [{"name": "a", "devices": [{"type": "video", "identity": "046d:082d"}]}]},
-            "identity '046d:082d' is not vid:pid:serial",
+            {"robots": [{"name": "a", "devices": [{"type": "video", "identity": "046d"}]}]},
+            "identity '046d' is not vid:pid or vid:pid:serial",
         ),
         ({"robots": [{"name": "a", "devices": [{"type": "can", "interface": "can0"}] * 2}]}, "devices of a: two have"),
         ({"robots": ["a", "a"]}, "two nodes have the same name"),

@@ -179,7 +179,7 @@ def _change_job(app: App, child: Child, job: Job, progress: Progress) -> dict[st
         return None
     if progress.ending is None:
         return amend_job(app, child, job)
-    spec = end_at_once(job)
+    spec = end_at_once(app, job)
     return None if spec == job.spec else spec
 
 

@@ -5,13 +5,14 @@ itself: neither another version of the operator nor another domain or ConfigMap 
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping
-from datetime import datetime
+from collections.abc import Collection, Iterable, Mapping
+from datetime import UTC, datetime
 from typing import Any, Final, NamedTuple, TypeGuard
 
 import msgspec
 
-from robotapp_api.model.names import Annotation, Label
+from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
+from robotapp_api.values.sweeps.matrix import choose_admitted
 from robotapp_claims.rules.instances import Ending, deadline_of, find_ending
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
@@ -22,7 +23,8 @@ from robotapp_operator.plan.spec.objects import Deployment, Job
 
 _AT_ONCE: Final = 1
 """Deadline in seconds that ends a job whose instance has ended."""
-_MUTABLE: Final = ("suspend", "backoffLimit", "activeDeadlineSeconds")
+_SUSPEND: Final = "suspend"
+_MUTABLE: Final = (_SUSPEND, "backoffLimit", "activeDeadlineSeconds")
 
 
 class Progress(NamedTuple):
@@ -72,6 +74,19 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime) -> Pr
     return Progress(jobs, find_ending(rules, states, now=now), deadline, left_s)
 
 
+def list_admitted(app: App, jobs: Mapping[str, Iterable[Job]], running: Collection[str]) -> frozenset[str]:
+    """Returns the instances of a sweep that may run now. jobs: those of each instance. running: instances with Deployments or Jobs.
+
+    Whose time is over counts as running until its jobs have ended.
+    """
+    begin = datetime.min.replace(tzinfo=UTC)
+    finished = {name for name, items in jobs.items() if judge_progress(app, items, now=begin).ending is not None}
+    parallelism = app.spec.matrix.parallelism if app.spec.matrix else 0
+    return choose_admitted(
+        [*app.sweep], parallelism=parallelism, begun=frozenset(running), finished=frozenset(finished)
+    )
+
+
 def limit_time(child: Child, progress: Progress) -> Child:
     """Returns a new Job that ends by the deadline of its instance, also while no operator runs."""
     if progress.left_s is None:
@@ -81,9 +96,15 @@ def limit_time(child: Child, progress: Progress) -> Child:
     return dataclasses.replace(child, spec={**child.spec, limit: seconds})
 
 
-def end_at_once(job: Job) -> dict[str, Any]:
+def end_at_once(app: App, job: Job) -> dict[str, Any]:
     """Returns the spec with which the Job controller ends the job, so that it is on record that it has ended."""
-    return {**job.spec, "suspend": False, "activeDeadlineSeconds": _AT_ONCE}
+    resumed = {} if is_queued(app, job) else {_SUSPEND: False}
+    return {**job.spec, **resumed, "activeDeadlineSeconds": _AT_ONCE}
+
+
+def is_queued(app: App, job: Job) -> bool:
+    """Whether kueue decides when the job runs: who else wrote `suspend` would undo what it has decided."""
+    return bool(app.queue) or QUEUE_NAME in job.metadata.labels
 
 
 def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
@@ -109,7 +130,9 @@ def amend_job(app: App, child: Child, job: Job) -> dict[str, Any] | None:
     """Returns the spec with what may change while the job runs, None where nothing differs."""
     completion = app.spec.completion
     has_deadline = completion is not None and completion.deadline is not None
-    fields = [field for field in _MUTABLE if not (has_deadline and field == "activeDeadlineSeconds")]
+    left_out = {"activeDeadlineSeconds"} if has_deadline else set()
+    left_out |= {_SUSPEND} if is_queued(app, job) else set()
+    fields = [field for field in _MUTABLE if field not in left_out]
     wanted = {field: child.spec.get(field) for field in fields}
     spec = job.spec
     if all(spec.get(field) == value for field, value in wanted.items()):

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from robotapp_api.model.app.component import Component, Job
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.names import QUEUE_NAME, Annotation
 from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, Child, component_labels, selector
 from robotapp_operator.plan.render.devices.resource_claim import name_claim
 from robotapp_operator.plan.render.parameters import NONE, ParameterState
@@ -58,6 +58,8 @@ def component_jobs(
         if component.name in claiming:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.replicas > 0 and component.name not in {*waiting, *ended}
+        if desired.app.queue and not is_running and component.name not in ended:
+            continue  # kueue would resume a Job that we suspend: one that must not run is deleted
         children.append(_job(component, desired, component.job, template, running=is_running))
     return children
 
@@ -66,7 +68,7 @@ def _job(component: Component, desired: Desired, job: Job, template: dict[str, A
     """A pod that was evicted, preempted or lost with its node is no failure of the program; and no second one is made while it may run."""
     lost = {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]}
     spec: dict[str, Any] = {
-        "suspend": not running,
+        "suspend": not running or bool(desired.app.queue),
         "completions": 1,
         "parallelism": 1,
         "backoffLimit": job.backoff_limit,
@@ -74,11 +76,12 @@ def _job(component: Component, desired: Desired, job: Job, template: dict[str, A
         "podFailurePolicy": {"rules": [lost]},
         "template": {**template, "spec": {**template["spec"], "restartPolicy": "Never"}},
     }
+    queue = {QUEUE_NAME: desired.app.queue} if desired.app.queue else {}
     if job.active_deadline_seconds is not None:
         spec["activeDeadlineSeconds"] = job.active_deadline_seconds
     return Child(
         ref=ChildRef(JOB, desired.name_of(component.name)),
-        labels=component_labels(desired, component.name),
+        labels=component_labels(desired, component.name) | queue,
         spec=spec,
         annotations={Annotation.RUN_HASH.value: desired.app.run_hashes[component.name]},
     )

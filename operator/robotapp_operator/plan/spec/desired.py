@@ -27,6 +27,7 @@ from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.references import Values, reference_values
 from robotapp_api.values.replicas import NumberedReplica, find_replicas
+from robotapp_api.values.sweeps.matrix import MatrixInstance, expand_matrix, list_variables
 from robotapp_claims.rules.instances import CompletionRules, completion_rules_of
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.share import AppKey
@@ -117,6 +118,8 @@ class App:
     unknown_fields: tuple[str, ...] = ()
     """Fields of the stored spec that a later version brought."""
     abilities: Abilities = NO_ABILITIES
+    queue: str = ""
+    """Queue of kueue that the app's Jobs wait in (a label of the RobotApp); "" for none. Then kueue alone suspends and resumes them."""
     overrides: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     """By component: the overrides that made the spec what it is for one robot."""
     spec_with_replicas: RobotAppSpec | None = None
@@ -145,7 +148,19 @@ class App:
     def reference_values(self, component: str, robot: str) -> Values:
         """Returns what is expanded in the pods of a component for this robot."""
         replica = self.replicas.get(component)
-        return reference_values(robot, replica.ordinal if replica else None)
+        return reference_values(robot, replica.ordinal if replica else None, matrix=self.matrix_variables(robot))
+
+    @functools.cached_property
+    def sweep(self) -> Mapping[str, MatrixInstance]:
+        """The instances of the app's sweep by their names, in the order of its values; {} without a matrix."""
+        matrix = dump(self.spec.matrix) if self.spec.matrix else None
+        return {instance.name: instance for instance in expand_matrix(matrix)}
+
+    def matrix_variables(self, instance: str) -> Values | None:
+        """Returns the variables with the values of an instance of a sweep; None for an app without a matrix."""
+        if self.spec.matrix is None:
+            return None
+        return list_variables(self.sweep[instance].values) if instance in self.sweep else {}
 
     @property
     def services(self) -> Mapping[str, ComponentService]:
@@ -316,6 +331,7 @@ class App:
             "suspend": True,
             "update": True,
             "edges": True,
+            "matrix": True,  # an instance is named after its values, and further ones are no edit of it
             "overrides": True,  # what they change is in the components already
             "recordings": True,  # they are components already
             "ros2": {"domain", "pool", "share_with"},
@@ -346,6 +362,21 @@ class Desired:
     distro: str
     discovery: str
     transport: str = "Auto"
+
+    @property
+    def robot_name(self) -> str:
+        """The robot of the instance; "" without robots and for an instance of a sweep."""
+        return "" if self.app.spec.matrix else self.robot
+
+    @property
+    def matrix_variables(self) -> Values:
+        """The variables with the values of an instance of a sweep; {} for other instances."""
+        return self.app.matrix_variables(self.robot) or {}
+
+    @property
+    def instance_values(self) -> Values:
+        """What is expanded in pods and Services that belong to no component."""
+        return self.app.reference_values("", self.robot)
 
     def values_of(self, component: str) -> Values:
         """Returns what is expanded in the pods of a component."""

@@ -6,7 +6,7 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple, Protocol
 
-from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.model.names import QUEUE_NAME, Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
 from robotapp_claims.rules.instances import Ending
 from robotapp_operator.plan.spec.objects import (
@@ -206,6 +206,9 @@ def job_view(
             message = failed[0] if failed else f"{'; '.join(missing)}: create it, or write optional: true"
         away = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
         message = message or (f"node {away[0]} is not Ready" if away else _describe_attempts(job, pods))
+    queue = job.metadata.labels.get(QUEUE_NAME, "")
+    if queue and job.is_suspended and job.verdict is None:
+        message = f"waits in queue {queue} until kueue admits it (kubectl get workloads)"
     if component.replicas == 0 and not message:
         message = "suspended (replicas: 0)"
     return ComponentView(

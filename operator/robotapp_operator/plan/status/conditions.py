@@ -29,7 +29,7 @@ MAX_BRIEF_BYTES: Final = 256
 """Bytes of a message of a RobotAppInstance, of which there may be thousands."""
 
 
-NOT_HANDED_OVER: Final = " reserved, but not handed over: their nodes have no driver that gives devices to containers"
+NOT_HANDED_OVER: Final = " reserved, but not handed over: no driver there gives devices to containers"
 HANDED_OVER: Final = " handed over by the driver of the node"
 
 
@@ -146,11 +146,11 @@ def _devices_missing(facts: AppFacts) -> Verdict | None:
     for instance in facts.instances:
         if instance.missing_device and not instance.bound:
             return Verdict("False", Reason.WAITING_FOR_DEVICES, _named(facts, instance, instance.missing_device))
-    if held >= wanted:
-        return None
     for instance in facts.instances:
         if instance.busy:
             return Verdict("False", Reason.DEVICE_BUSY, _named(facts, instance, instance.busy))
+    if held >= wanted:
+        return None
     text = f"{count_of(held, wanted, 'device')} claimed; kubectl robotapp explain {facts.app.name} shows what each node lacks"
     notes = [_named(facts, instance, instance.ledger_note) for instance in facts.instances if instance.ledger_note]
     return Verdict("False", Reason.WAITING_FOR_DEVICES, "; ".join([text, *notes[:1]]))
@@ -170,7 +170,7 @@ def _all_allocated(facts: AppFacts) -> Verdict:
         text = f"nothing has to be claimed: {free}" if free else "the app needs neither a domain nor devices"
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "; ".join([text, *notes]))
     parts = [f"domain {shown(domains)}"] if domains else []
-    parts += [f"{held} of {wanted} devices{_ledger_text(facts, held)}"] if wanted else []
+    parts += [f"{count_of(held, wanted, 'device', '', '').rstrip()}{_ledger_text(facts, held)}"] if wanted else []
     parts += notes
     parts += [free] if free else []
     asked = facts.app.requested_domain
@@ -229,7 +229,7 @@ def placed(facts: AppFacts) -> Verdict:
             return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}")
     if parts and bound == len(parts):
         nodes = sorted({node for component in parts for node in component.nodes})
-        text = f"{bound} of {len(parts)} components on {shown(nodes)}"
+        text = f"{count_of(bound, len(parts), 'component', 'on', 'on')} {shown(nodes)}"
         lost = [_named(facts, instance, each) for instance in facts.instances for each in given_up_texts(instance)]
         if lost:
             return Verdict("True", Reason.FALLBACK_USED, f"{text}; given up: {shown(lost, limit=4)}")
@@ -237,7 +237,9 @@ def placed(facts: AppFacts) -> Verdict:
     waiting = next((component for component in parts if component.waits), None)
     more = f"; {waiting.name} {waiting.message}" if waiting else ""
     return Verdict(
-        "Unknown", Reason.WAITING_FOR_PODS, f"{bound} of {len(parts)} components have all their pods on nodes{more}"
+        "Unknown",
+        Reason.WAITING_FOR_PODS,
+        f"{count_of(bound, len(parts), 'component', 'has all its', 'have all their')} pods on nodes{more}",
     )
 
 

@@ -79,22 +79,25 @@ def device_trouble(
     """Why the instance cannot have its devices, as far as that is known before it is placed; "" if nothing is.
 
     First what the app can never have, because its own components want it twice; then the first device of which every one
-    that would do is held by others.
+    that would do is held by others, whether the app wants it for itself or would share it.
     """
     closed = closed_nodes([node.metadata for node in nodes.values()], app.namespace)
     nodes = {name: node for name, node in nodes.items() if name not in closed}  # messages do not name robots of others
-    desired, requests = desired_of(app, instance.robot), list[DeviceRequest]()
+    desired, requests, shared = desired_of(app, instance.robot), list[DeviceRequest](), list[frozenset[Place]]()
     places, labels = Places(telemetry), {name: node.metadata.labels for name, node in nodes.items()}
     for component in app.spec.components:
-        devices = list(filter(claimed, component.devices))
+        devices = [device for device in component.devices if device.type != GPU]
         admitted = nodes_for(component, desired, labels) if devices else frozenset[str]()
         for device in devices:
             fitting = places.of(device, admitted)
+            if not claimed(device):
+                shared.append(fitting)
+                continue
             requests += [DeviceRequest(component.name, device.name, fitting)] * (device.count if fitting else 0)
     if group := rivals([request.fitting for request in requests[:MOST_REQUESTS]]):
         return _rivals_text([requests[index] for index in group])
     held = _by_node(claims)
-    for fitting in dict.fromkeys(request.fitting for request in requests):
+    for fitting in dict.fromkeys((*(request.fitting for request in requests), *shared)):
         if other := _held_by_others(fitting, app, instance, held=held, telemetry=telemetry):
             return busy_text(other, for_namespace=app.namespace)
     return ""

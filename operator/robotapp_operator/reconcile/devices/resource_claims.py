@@ -74,7 +74,7 @@ def plan_claims(
 
 async def write_claims(client: ApiClient, app: App, plan: ClaimPlan) -> list[tuple[Reason, str]]:
     """Deletes, then creates. Returns why claims were refused. Raises StartOver where an old claim of a name is not gone yet."""
-    await release_claims(client, plan.deletes)
+    await release_unused(client, plan.deletes)
     refusals = []
     for claim in plan.creates:
         try:
@@ -87,21 +87,40 @@ async def write_claims(client: ApiClient, app: App, plan: ClaimPlan) -> list[tup
     return refusals
 
 
-async def release_claims(
-    client: ApiClient, resource_claims: Iterable[ResourceClaim], *, unchanged: bool = False
-) -> None:
-    """Deletes claims, so that their devices are free. unchanged: only those on which nobody has written since they were read."""
+async def release_unused(client: ApiClient, resource_claims: Iterable[ResourceClaim]) -> None:
+    """Deletes claims that are to go. Raises StartOver when one was written meanwhile: a pod may use it by now."""
+    if not await release_claims(client, resource_claims):
+        raise StartOver("a ResourceClaim changed before it was deleted")
+
+
+async def release_claims(client: ApiClient, resource_claims: Iterable[ResourceClaim]) -> bool:
+    """Deletes claims on which nobody has written since they were read, so that their devices are free. Returns whether all are gone."""
+    are_gone = True
     for resource_claim in resource_claims:
-        version = resource_claim.metadata.resource_version if unchanged else None
-        await _delete(client, resource_claim, version=version)
+        meta = resource_claim.metadata
+        try:
+            await client.delete(
+                RESOURCECLAIMS,
+                meta.name,
+                namespace=meta.namespace,
+                uid=meta.uid,
+                resource_version=meta.resource_version,
+            )
+        except NotFound:
+            log.debug("ResourceClaim %s is gone already", meta.name)
+        except Conflict:
+            log.info("ResourceClaim %s/%s stays: it was written meanwhile", meta.namespace, meta.name)
+            are_gone = False
+    return are_gone
 
 
 async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
-    """Replaces a pod, and the claim whose device another one keeps: its successor has a device chosen that is free.
+    """Replaces a pod that cannot have its device, and the claim whose device another one keeps: its successor has one that is free.
 
-    Two schedulers may give one device to two claims; the driver hands it to the first. The pod goes before the claim, in the state in
-    which it was seen to wait: one that got its device meanwhile, or was replaced, keeps its claim. The claim goes while the pod
-    terminates, so the next pod cannot join it before. Who may have the device meanwhile is decided by the driver's lock.
+    A claim that was made anew, after somebody deleted it below the pod, is the successor's. Two schedulers may give one device to two claims; the driver hands it to the first. The pod goes before the claim, in the state in
+    which it was seen to wait: one that got its device meanwhile, or was replaced, keeps its claim. The claim goes in the state in which
+    it was seen, too: where the next pod has joined it before, it stays until the driver has refused that pod as long. Who may have the
+    device meanwhile is decided by the driver's lock.
     """
     meta = pod.metadata
     claims = cache.allocations.claims.of_instance(meta.app_uid, meta.instance).values()
@@ -112,19 +131,13 @@ async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
         and claim.metadata.namespace == meta.namespace
         and any(user.uid == meta.uid for user in claim.status.reserved_for)
     ]
-    if not own or await evict(client, pod, version=meta.resource_version) != "":
+    if not own and not cache.allocations.lacks_its_claim(pod):
         return
-    for claim in own:
-        log.info("the driver refuses pod %s/%s its device: pod and claim are made anew", meta.namespace, meta.name)
-        await _delete(client, claim)
-
-
-async def _delete(client: ApiClient, resource_claim: ResourceClaim, *, version: str | None = None) -> None:
-    meta = resource_claim.metadata
-    try:
-        await client.delete(RESOURCECLAIMS, meta.name, namespace=meta.namespace, uid=meta.uid, resource_version=version)
-    except (NotFound, Conflict):
-        log.debug("ResourceClaim %s is gone already, or was written meanwhile", meta.name)
+    if await evict(client, pod, version=meta.resource_version) != "":
+        return
+    what = "pod and claim are" if own else "its claim was made anew, and now the pod is"
+    log.info("pod %s/%s cannot have its device: %s made anew", meta.namespace, meta.name, what)
+    await release_claims(client, own)
 
 
 async def _explain_conflict(client: ApiClient, app: App, claim: DeviceClaim) -> list[tuple[Reason, str]]:

@@ -3,9 +3,11 @@
 from collections import Counter
 from collections.abc import Callable
 
+from robotapp_api.model.names import Label
 from robotapp_claims.rules.device_attributes import list_held
 from robotapp_claims.rules.objects import Claim, ResourceClaim, ResourceSlice
 from robotapp_operator.plan.render.devices.ledger import DriverNodes
+from robotapp_operator.plan.spec.objects import Pod
 from robotapp_operator.watch.indexes.index import ClaimIndex, InstanceIndex
 from robotapp_operator.watch.nodes import Nodes
 
@@ -35,6 +37,8 @@ class Allocations:
         """Returns whether the node is one more with the driver."""
         self.drop_slice(item)
         node = item.spec.node_name
+        if not node:
+            return False  # for several nodes: no driver of ours writes such a slice
         self._slices[item.metadata.name] = node
         self._nodes[node] += 1
         is_new = self._nodes[node] == 1
@@ -65,6 +69,24 @@ class Allocations:
             self.held.drop(held.holder.uid, held.name)
         if uid := _app_of(claim):
             self.claims.drop(uid, _key(claim))
+
+    def lacks_its_claim(self, pod: Pod) -> bool:
+        """Returns whether the pod's component has a ResourceClaim that no scheduler has entered the pod in.
+
+        The claim was deleted below a pod on a node and made anew: the kubelet refuses it to this pod for ever, and no scheduler looks at
+        a pod that has a node.
+        """
+        meta = pod.metadata
+        component = meta.labels.get(Label.COMPONENT, "")
+        claims = [
+            claim
+            for claim in self.claims.of_instance(meta.app_uid, meta.instance).values()
+            if claim.metadata.namespace == meta.namespace
+            and claim.metadata.labels.get(Label.COMPONENT, "") == component
+        ]
+        return bool(pod.spec.node_name and claims) and not any(
+            user.uid == meta.uid for claim in claims for user in claim.status.reserved_for
+        )
 
     def held_by(self, uid: str, instance: str, *, namespace: str) -> list[Claim]:
         """Returns devices of one instance. Anybody may name another tenant's app as owner, but in a namespace of his own alone."""

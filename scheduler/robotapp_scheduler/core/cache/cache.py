@@ -12,7 +12,8 @@ from typing import Final
 import msgspec
 
 from robotapp_api.values.placement.round_trips import UNREACHABLE_US
-from robotapp_claims.rules.objects import Claim
+from robotapp_claims.rules.device_attributes import DRIVER
+from robotapp_claims.rules.objects import Claim, DeviceThing
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.api.ros import SharedVolume
@@ -21,6 +22,7 @@ from robotapp_scheduler.core.cache.nominator import Nominator
 from robotapp_scheduler.core.cache.placed_pods import NameIndex, PortUsers, PredictedLabels, PriorityColumns, Records
 from robotapp_scheduler.core.cache.topology_index import Topology
 from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
+from robotapp_scheduler.core.dynamic_resources.objects import DeviceId
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.columns import IntArray
@@ -55,7 +57,7 @@ class Cache:
         self.ports = PortUsers()
         self.apps = AppIndex()
         self.links = AccessLinks(self.nodes, self.apps)
-        self.devices = DeviceIndex()
+        self.devices = DeviceIndex(self._device_held)
         self.volumes = Volumes()
         self.pod_groups = PodGroups()
         self.unseen_kinds: tuple[str, ...] = ()
@@ -65,7 +67,7 @@ class Cache:
         self.rtt = RttModel(self.nodes, clock)
         self.log = ChangeLog()
         self.topology = Topology(self.nodes, self.log)
-        self.resource_claims = ClaimCache(lambda: self.log, self.nodes.row_of.get, self.has_pod)
+        self.resource_claims = ClaimCache(lambda: self.log, self.nodes.row_of.get, self.has_pod, self._device_allocated)
         self.placed: dict[str, PlacedPod] = {}
         """Pods on nodes by uid, assumed ones included."""
         self._by_node: dict[str, dict[str, PlacedPod]] = {}
@@ -146,8 +148,8 @@ class Cache:
         """The pod object is gone (or terminal)."""
         uid = pod.metadata.uid
         self._member(pod, None)
-        self.devices.release(uid)
-        change = Change.POD_SEEN if self._seen.pop(uid, None) is not None else Change.NONE
+        change = Change.RESOURCE_SLICES if self.devices.release(uid) else Change.NONE
+        change |= Change.POD_SEEN if self._seen.pop(uid, None) is not None else Change.NONE
         if uid in self.placed:
             self.take_off(uid)
             change |= Change.POD_REMOVED
@@ -244,8 +246,9 @@ class Cache:
         return self._claims_changed(self.devices.apply_claim(claim))
 
     def remove_claim(self, claim: Claim) -> Change:
-        """A RobotClaim is gone: its device or domain is free."""
-        return self._claims_changed(self.devices.remove_claim(claim.metadata.name))
+        """A RobotClaim is gone: its device or domain is free. RESOURCE_SLICES: a ResourceClaim may get the device."""
+        change = Change.NONE if claim.spec.device is None else Change.RESOURCE_SLICES
+        return change | self._claims_changed(self.devices.remove_claim(claim.metadata.name))
 
     def apply_telemetry(self, telemetry: NodeTelemetry) -> Change:
         """A node's agent reported."""
@@ -318,6 +321,16 @@ class Cache:
             self.log.add(row, change)
         if change & Change.TENANTS:  # the computers of one robot restrict each other
             self.log.add(EVERY_ROW, Change.TENANTS)
+
+    def _device_held(self, thing: DeviceThing, sign: int) -> None:
+        """The ledger of RobotClaims, or a pod that is being placed, holds a device of a node, or one time less: no ResourceClaim gets it."""
+        self.resource_claims.count_held(DeviceId(DRIVER, thing.node, thing.id), sign)
+
+    def _device_allocated(self, device: DeviceId, is_allocated: bool) -> None:
+        """A device of our driver is one of its node, and in the ledger of RobotClaims under the same id."""
+        if device.driver == DRIVER:
+            self.devices.set_allocated(device.pool, device.device, is_allocated=is_allocated)
+            self._claims_changed(device.pool)
 
     def _claims_changed(self, node: str | None) -> Change:
         row = self.nodes.row_of.get(node) if node is not None else None

@@ -16,6 +16,7 @@ from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
     ClaimState,
     PodClaims,
     explain_refusal,
+    find_robotapp,
     is_reserved_for,
     list_named_claims,
     score_preference,
@@ -64,10 +65,15 @@ class ClaimCache:
     """Claims, slices, device classes and taint rules. `row_of` is the row of a node by name.
 
     `log` is a function, because a dry run exchanges the log. `has_pod` returns whether the pod with this uid exists and has not ended.
+    `on_allocated` is called with a device when a claim gets it (True), and when no claim has it any more.
     """
 
     def __init__(
-        self, log: Callable[[], ChangeLog], row_of: Callable[[str], int | None], has_pod: Callable[[str], bool]
+        self,
+        log: Callable[[], ChangeLog],
+        row_of: Callable[[str], int | None],
+        has_pod: Callable[[str], bool],
+        on_allocated: Callable[[DeviceId, bool], None] = lambda _device, _is_allocated: None,
     ) -> None:
         self.served = True
         """False when the API server does not have these kinds."""
@@ -82,6 +88,7 @@ class ClaimCache:
         self._log = log
         self._row_of = row_of
         self._has_pod = has_pod
+        self._on_allocated = on_allocated
         self._gone_claims: dict[str, _GoneClaim] = {}
         """By the claim's uid."""
         self._claims: dict[ClaimKey, ResourceClaim] = {}
@@ -91,6 +98,8 @@ class ClaimCache:
         """Versions of our own writes that the watch has not shown yet."""
         self._allocated: Counter[DeviceId] = Counter()
         """How many claims have each device, those in flight included."""
+        self._taken: Counter[DeviceId] = Counter()
+        """The same, with what else holds it."""
         self._in_flight: dict[str, _InFlight] = {}
         """By the claim's uid."""
         self._plans: dict[str, ClaimPlan] = {}
@@ -168,6 +177,11 @@ class ClaimCache:
         self.classes.pop(device_class.metadata.name, None)
         self._mark(None, Change.DEVICE_CLASSES)
         return Change.NONE
+
+    def count_held(self, device: DeviceId, sign: int) -> None:
+        """Something else than a ResourceClaim, such as a RobotClaim, holds a device from now on (+1), or not any more (-1)."""
+        if self._take(device, sign) and (node := self.inventory.node_of(device)):
+            self._mark((node,), Change.RESOURCE_CLAIMS)
 
     def note_node(self, name: str) -> None:
         """A node appeared or has other labels, on which its devices may depend. The change log has this change already."""
@@ -250,8 +264,16 @@ class ClaimCache:
 
     @property
     def allocated(self) -> Collection[DeviceId]:
-        """Devices that a claim has, decided ones included."""
-        return self._allocated.keys()
+        """Devices that a claim has, decided ones included, or something else holds."""
+        return self._taken.keys()
+
+    def find_holder(self, device: DeviceId) -> tuple[str, str] | None:
+        """Finds namespace and name of the RobotApp whose claim has the device, else of the claim."""
+        for claim in self._claims.values():
+            if device in _devices(claim.status.allocation):
+                app = find_robotapp(claim)
+                return claim.metadata.namespace, app[0] if app is not None else claim.metadata.name
+        return None
 
     def is_in_flight(self, claim: ResourceClaim) -> bool:
         """Returns whether an allocation was decided for the claim that is not written yet."""
@@ -346,8 +368,19 @@ class ClaimCache:
             else:
                 del self._allocated[device]
             if bool(before) is not bool(before + sign):
+                self._on_allocated(device, before + sign > 0)
+            if self._take(device, sign):
                 node = self.inventory.node_of(device)
                 self._mark((node,) if node else None, Change.RESOURCE_CLAIMS)
+
+    def _take(self, device: DeviceId, sign: int) -> bool:
+        """Returns whether the device is taken or free since now."""
+        before = self._taken[device]
+        if before + sign:
+            self._taken[device] = before + sign
+        else:
+            del self._taken[device]
+        return bool(before) is not bool(before + sign)
 
     def _mark(self, nodes: Iterable[str] | None, change: Change) -> None:
         """Note that allocations on these nodes (None: on any) may be others from now on."""

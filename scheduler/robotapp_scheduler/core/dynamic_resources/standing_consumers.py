@@ -5,11 +5,15 @@ on the same node. The scheduler, which wrote that entry, also ends it.
 """
 
 from collections.abc import Callable
+from typing import Final
 
 from robotapp_api.model.names import GROUP, Label
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
-from robotapp_scheduler.core.dynamic_resources.claims_of_pods import find_robotapp
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import find_robotapp, is_reserved_for
 from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim, ResourceClaimConsumerReference
+
+_ROBOTAPPS: Final = (GROUP, "robotapps")
+"""API group and resource of a standing consumer."""
 
 
 def is_standing(claim: ResourceClaim) -> bool:
@@ -25,6 +29,25 @@ def list_predecessors(claim: ResourceClaim, uid: str) -> tuple[ResourceClaimCons
     if not is_standing(claim):
         return ()
     return tuple(user for user in claim.status.reserved_for if user.resource == "pods" and user.uid != uid)
+
+
+def list_next_users(
+    claim: ResourceClaim, *, name: str, uid: str, allocates: bool
+) -> tuple[ResourceClaimConsumerReference, ...]:
+    """Lists the users of a claim when the pod of this name and uid is one. allocates: the same write allocates the claim, which gives a
+    RobotApp that owns it a place among them.
+
+    Pods that were before it in a RobotApp's claim are left out: what the driver refused them is no news of this one.
+    """
+    predecessors = list_predecessors(claim, uid)
+    users = [user for user in claim.status.reserved_for if user not in predecessors]
+    if not is_reserved_for(claim, uid):
+        users.append(ResourceClaimConsumerReference(resource="pods", name=name, uid=uid))
+    owner = find_robotapp(claim) if allocates else None
+    if owner is not None and not is_reserved_for(claim, owner[1]):
+        group, resource = _ROBOTAPPS
+        users.append(ResourceClaimConsumerReference(api_group=group, resource=resource, name=owner[0], uid=owner[1]))
+    return tuple(users)
 
 
 def explain_predecessor(claim: ResourceClaim, user: ResourceClaimConsumerReference) -> str:
@@ -78,4 +101,4 @@ def _list_consumers(claim: ResourceClaim) -> tuple[tuple[str, str], ...]:
 
 
 def _is_robotapp(consumer: tuple[str, str]) -> bool:
-    return consumer == (GROUP, "robotapps")
+    return consumer == _ROBOTAPPS

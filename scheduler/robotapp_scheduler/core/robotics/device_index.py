@@ -5,7 +5,7 @@ under, also when an agent begins or ceases to describe the node meanwhile (`clai
 good enough to choose a node, never to grant (the shell's create of the RobotClaim decides).
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from robotapp_claims.rules.device import PREFERENCE, Take, assign, fits_kind, is_device, take_device
@@ -28,7 +28,7 @@ class DeviceGrant(NamedTuple):
 class Busy(NamedTuple):
     """Who keeps a device from a pod: a claim's holder, or a pod that shares it with others.
 
-    Without a namespace it is a pod that is being placed, not a claim yet.
+    Without a namespace it is a pod that is being placed, not a claim yet, or a ResourceClaim, which `ClaimCache.find_holder` names.
     """
 
     device: Device
@@ -48,7 +48,9 @@ class Use(NamedTuple):
 class DeviceIndex:
     """Devices per node, their claims and shares, and devices that this process has granted and no claim shows yet."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_held: Callable[[DeviceThing, int], None] = lambda _thing, _sign: None) -> None:
+        """on_held: called with each device that a claim or pod holds from now on (1), and that it gives back (-1)."""
+        self._on_held = on_held
         self._devices: dict[str, tuple[Device, ...]] = {}
         self._with_telemetry: set[str] = set()
         self._known: dict[str, frozenset[str]] = {}
@@ -56,6 +58,8 @@ class DeviceIndex:
         self._claims: dict[str, dict[str, Claim]] = {}
         """Claims of a node by name."""
         self._claim_nodes: dict[str, str] = {}
+        self._allocated: dict[str, set[str]] = {}
+        """Labels of the devices of a node that ResourceClaims have."""
         self._uses: dict[str, dict[str, list[Use]]] = {}
         """Promises and shared uses of a node by pod uid."""
         self._use_nodes: dict[str, str] = {}
@@ -89,6 +93,8 @@ class DeviceIndex:
         thing = claim.spec.device
         if thing is None:
             return None
+        if claim.metadata.name not in self._claim_nodes:
+            self._on_held(thing, 1)
         self._claims.setdefault(thing.node, {})[claim.metadata.name] = claim
         self._claim_nodes[claim.metadata.name] = thing.node
         return thing.node
@@ -97,8 +103,21 @@ class DeviceIndex:
         """A claim is gone; answers the node whose device is free now."""
         node = self._claim_nodes.pop(name, None)
         if node is not None:
+            thing = self._claims[node][name].spec.device
             _drop(self._claims, node, name)
+            if thing is not None:
+                self._on_held(thing, -1)
         return node
+
+    def set_allocated(self, node: str, device_id: str, *, is_allocated: bool) -> None:
+        """A ResourceClaim got a device of the node, or none has it any more."""
+        labels = self._allocated.setdefault(node, set())
+        if is_allocated:
+            labels.add(device_label(device_id))
+            return
+        labels.discard(device_label(device_id))
+        if not labels:
+            del self._allocated[node]
 
     def assume(self, pod_uid: str, grants: Iterable[DeviceGrant], *, namespace: str = "", name: str = "") -> None:
         """Keep devices for an assumed pod: those it will hold alone, and those it will share with others."""
@@ -117,11 +136,16 @@ class DeviceIndex:
             thing = DeviceThing(node=pod.spec.node_name, type=UNKNOWN_DEVICE_TYPE, id=ident)
             self._use(meta.uid, Use(thing, False, meta.namespace, meta.name))
 
-    def release(self, pod_uid: str) -> None:
-        """The pod is gone or was not bound: drop the devices assumed for it, and those it shares."""
+    def release(self, pod_uid: str) -> bool:
+        """The pod is gone or was not bound: drop the devices assumed for it, and those it shares. Returns whether there were any."""
         node = self._use_nodes.pop(pod_uid, None)
-        if node is not None:
-            _drop(self._uses, node, pod_uid)
+        if node is None:
+            return False
+        uses = self._uses[node][pod_uid]
+        _drop(self._uses, node, pod_uid)
+        for use in uses:
+            self._on_held(use.thing, -1)
+        return True
 
     def of(self, node: str) -> tuple[Device, ...]:
         """Devices of a node, sorted by id."""
@@ -133,7 +157,8 @@ class DeviceIndex:
         for node, devices in self._devices.items():
             for device in devices:
                 free = (
-                    next(self._claims_on(node, device), None) is None
+                    not self._is_allocated(node, device)
+                    and next(self._claims_on(node, device), None) is None
                     and next(self._uses_of(node, device), None) is None
                 )
                 found[device.type] = found.get(device.type, 0) + free
@@ -166,10 +191,12 @@ class DeviceIndex:
 
     def contested(self, node: str) -> bool:
         """Whether any device of the node is claimed, assumed or shared."""
-        return node in self._claims or node in self._uses
+        return node in self._claims or node in self._uses or node in self._allocated
 
     def blocker(self, node: str, device: Device, holder: DeviceHolder, *, exclusive: bool = True) -> Busy | None:
         """Who stands in the way of this pod using the device, alone or together with others; None when it may."""
+        if self._is_allocated(node, device):
+            return Busy(device, "", "a ResourceClaim")
         for claim in self._claims_on(node, device):
             if claim.momentary and not exclusive:
                 continue
@@ -283,6 +310,9 @@ class DeviceIndex:
         found = (take_device(claim, holder=holder, pod_uid=holder.pod_uid) for claim in self._claims_on(node, device))
         return min((PREFERENCE[take] for take in found), default=PREFERENCE[Take.CREATE])
 
+    def _is_allocated(self, node: str, device: Device) -> bool:
+        return node in self._allocated and device_label(device.id) in self._allocated[node]
+
     def _claims_on(self, node: str, device: Device) -> Iterator[Claim]:
         """Claims that hold this device, under whatever id."""
         known = self._known.get(node, frozenset())
@@ -301,6 +331,7 @@ class DeviceIndex:
     def _use(self, pod_uid: str, use: Use) -> None:
         node = use.thing.node
         self._use_nodes[pod_uid] = node
+        self._on_held(use.thing, 1)
         self._uses.setdefault(node, {}).setdefault(pod_uid, []).append(use)
 
     def _set(self, node: str, devices: tuple[Device, ...], *, known: Iterable[Device | TelemetryDevice]) -> bool:

@@ -15,6 +15,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.ros import RosRequest
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, FULL_POOL
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.handle import Readiness, Reserved
 from robotapp_scheduler.core.framework.interface import BindContext, Code, FilterResult
@@ -31,7 +32,9 @@ class ROSReserve:
     reads = ("ros.devices",)
     node_reads = ("devices",)
     row_local = True
-    events = Change.NODE_ADDED | Change.DEVICES | Change.CLAIMS | Change.POD_REMOVED | Change.LABELS
+    events = (
+        Change.NODE_ADDED | Change.DEVICES | Change.CLAIMS | Change.RESOURCE_CLAIMS | Change.POD_REMOVED | Change.LABELS
+    )
     reason = BUSY
     resolvable = False
     hint_reads = ("ros.hardware",)
@@ -42,6 +45,8 @@ class ROSReserve:
             return True
         if event.resource == "robotclaims":
             return (event.new is None and event.old.spec.device is not None) or _passes_to(pod, event.old, event.new)
+        if event.resource == "resourceclaims":
+            return _frees_devices(event.old, event.new)
         return event.resource != "pods" or _had_devices(event.old)
 
     def hint_of_each(self, event: Event) -> bool:
@@ -126,6 +131,11 @@ def _passes_to(pod: PodInfo, old: Claim | None, new: Claim | None) -> bool:
         return False
     holder = new.holder
     return pod.member == (holder.uid, holder.instance, holder.component) or pod.uid == holder.uid
+
+
+def _frees_devices(old: ResourceClaim | None, new: ResourceClaim | None) -> bool:
+    """Whether a ResourceClaim has given its devices back."""
+    return old is not None and old.status.allocation is not None and (new is None or new.status.allocation is None)
 
 
 def _had_devices(pod: Pod | None) -> bool:

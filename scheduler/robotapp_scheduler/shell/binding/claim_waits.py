@@ -4,10 +4,12 @@ from collections.abc import Mapping
 from typing import Final
 
 from robotapp_api.model.names import EventReason
+from robotapp_claims.rules.device_attributes import DRIVER
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
+from robotapp_scheduler.core.dynamic_resources.objects import DeviceId
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver
@@ -63,6 +65,9 @@ class ClaimWaits:
             if uid in self._waiting:
                 self._name_holders(pod)
 
+    def _find_holder(self, node: str, device_id: str) -> tuple[str, str] | None:
+        return self._core.cluster.resource_claims.find_holder(DeviceId(DRIVER, node, device_id))
+
     def _name_holders(self, pod: PodInfo) -> None:
         """Write an Event with the first holder of a device that this pod requests."""
         ros = pod.ros
@@ -73,14 +78,15 @@ class ClaimWaits:
         nodes = sorted(set().union(*(index.capable(request) for request in ros.devices)) - closed)
         for node in nodes:
             for busy in index.blockers(ros.devices, node, ros.holder):
-                if not busy.namespace:
+                holder = (busy.namespace, busy.holder) if busy.namespace else self._find_holder(node, busy.device.id)
+                if holder is None:
                     self._unnamed[pod.uid] = pod  # the holder's claim is not in the cache yet
                     continue
                 text = device_busy(
                     busy.device.id,
                     node,
-                    holder=busy.holder,
-                    holder_namespace=busy.namespace,
+                    holder=holder[1],
+                    holder_namespace=holder[0],
                     namespace=pod.namespace,
                 )
                 self._unnamed.pop(pod.uid, None)

@@ -16,7 +16,6 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.model.names import GROUP
 from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC
 from robotapp_client.api.client import ApiClient, Json
 from robotapp_client.api.resources import PODS, RESOURCECLAIMS
@@ -43,7 +42,11 @@ from robotapp_scheduler.core.dynamic_resources.objects import (
     ResourceClaim,
     ResourceClaimConsumerReference,
 )
-from robotapp_scheduler.core.dynamic_resources.standing_consumers import explain_predecessor, list_predecessors
+from robotapp_scheduler.core.dynamic_resources.standing_consumers import (
+    explain_predecessor,
+    list_next_users,
+    list_predecessors,
+)
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
@@ -233,9 +236,10 @@ class ClaimWriter:
         if allocation is not None and find_robotapp(claim) is None:
             claim = await self._protect(claim)
         await self._check_predecessors(claim, pod)
-        users = _add_users(claim, pod, standing=allocation is not None)
-        if allocation is None and users == [_encode(user) for user in claim.status.reserved_for]:
+        next_users = list_next_users(claim, name=pod.name, uid=pod.uid, allocates=allocation is not None)
+        if allocation is None and next_users == tuple(claim.status.reserved_for):
             return
+        users = [_encode(user) for user in next_users]
         if allocation is None:
             patch: Json = {"metadata": _make_preconditions(claim), "status": {"reservedFor": users}}
             await self._patch(claim, patch, "status")
@@ -274,21 +278,6 @@ class ClaimWriter:
 def _get_devices_and_nodes(allocation: AllocationResult) -> tuple[object, ...]:
     """Returns what makes two allocations of a claim the same one."""
     return allocation.devices.results, allocation.node_selector
-
-
-def _add_users(claim: ResourceClaim, pod: PodInfo, *, standing: bool) -> list[Json]:
-    """The claim's users with the pod among them, and the RobotApp when it is `standing` and owns the claim.
-
-    Pods that were before it in a RobotApp's claim are left out: what the driver refused them is no news of this pod.
-    """
-    predecessors = list_predecessors(claim, pod.uid)
-    users: list[Json] = [_encode(user) for user in claim.status.reserved_for if user not in predecessors]
-    if not is_reserved_for(claim, pod.uid):
-        users.append({"resource": "pods", "name": pod.name, "uid": pod.uid})
-    owner = find_robotapp(claim) if standing else None
-    if owner is not None and not is_reserved_for(claim, owner[1]):
-        users.append({"apiGroup": GROUP, "resource": "robotapps", "name": owner[0], "uid": owner[1]})
-    return users
 
 
 def _make_preconditions(claim: ResourceClaim) -> Json:

@@ -58,6 +58,16 @@ class Stop(Enum):
         r"the robotapp labeller writes labels of hardware.robotics.io|cannot (create|update) resource",
     )
 
+    SLICE = (
+        "policy `robotapp-device-slices`",
+        # Kubernetes itself keeps node and pool of a stored slice, and a kubelet from slices that name another node or none.
+        r"has the devices of one node|are published by its agent|[Ff]ield is immutable|no relationship found between node",
+    )
+    ADMIN_ACCESS = (
+        "Kubernetes: the namespace lacks its label for admin access",
+        r"admin access to devices requires|[Ff]ield is immutable",
+    )
+
     @property
     def words(self) -> str:
         return self.value[0]
@@ -92,7 +102,7 @@ class Attack:
 
     `who`: clerk (may write RobotApps of the namespace, nothing else), editor (role `robotapp-editor` there), deputy (every right on our kinds in the namespace),
     tenant (`admin` of the namespace), or a stolen token: operator, scheduler,
-    agent (of the pod on one node), labeller.
+    agent (of the pod on one node), labeller, kubelet (of the same node), vendor (another driver's, which may write all slices).
     `where`: own (the attacker's namespace), victim or system; of no importance for what belongs to no namespace.
     `name`: of the object; empty means a fresh one, made before the attack by `made` for all roads but creation.
     """

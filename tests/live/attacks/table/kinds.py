@@ -13,6 +13,7 @@ CLAIM: Final = Kind(OURS, "RobotClaim", "robotclaims", namespaced=False)
 POOL: Final = Kind(OURS, "DomainPool", "domainpools", namespaced=False)
 TELEMETRY: Final = Kind(OURS, "NodeTelemetry", "nodetelemetries", namespaced=False)
 POD: Final = Kind("/api/v1", "Pod", "pods")
+NAMESPACE: Final = Kind("/api/v1", "Namespace", "namespaces", namespaced=False)
 NODE: Final = Kind("/api/v1", "Node", "nodes", namespaced=False)
 SECRET: Final = Kind("/api/v1", "Secret", "secrets")
 CONFIGMAP: Final = Kind("/api/v1", "ConfigMap", "configmaps")
@@ -29,6 +30,12 @@ POLICY: Final = Kind(_ADMISSION, "ValidatingAdmissionPolicy", "validatingadmissi
 POLICY_BINDING: Final = Kind(
     _ADMISSION, "ValidatingAdmissionPolicyBinding", "validatingadmissionpolicybindings", namespaced=False
 )
+_DEVICES: Final = "/apis/resource.k8s.io/v1"
+RESOURCE_SLICE: Final = Kind(_DEVICES, "ResourceSlice", "resourceslices", namespaced=False)
+RESOURCE_CLAIM: Final = Kind(_DEVICES, "ResourceClaim", "resourceclaims")
+CLAIM_TEMPLATE: Final = Kind(_DEVICES, "ResourceClaimTemplate", "resourceclaimtemplates")
+DEVICE_CLASS: Final = Kind(_DEVICES, "DeviceClass", "deviceclasses", namespaced=False)
+TAINT_RULE: Final = Kind(_DEVICES, "DeviceTaintRule", "devicetaintrules", namespaced=False)
 CRD: Final = Kind("/apis/apiextensions.k8s.io/v1", "CustomResourceDefinition", "customresourcedefinitions", False)
 
 

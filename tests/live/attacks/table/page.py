@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from tests.live.attacks.table.attack import Attack
+from tests.live.attacks.table.devices import CLAIMS, SLICES
 from tests.live.attacks.table.escalations import FIELDS, REFERENCES, REVISIONS, RIGHTS, SERVICES
 from tests.live.attacks.table.grants import OBJECTS, PODS, SPECS
 from tests.live.attacks.table.host_access import matrix
@@ -21,6 +22,8 @@ _WHO: Final = {
     "scheduler": "scheduler's token",
     "agent": "an agent's token",
     "labeller": "labeller's token",
+    "kubelet": "a kubelet's credentials",
+    "vendor": "another driver's token",
 }
 _SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
     "A RobotApp lends its writer an account, a Secret, a token or a priority": REFERENCES,
@@ -34,6 +37,8 @@ _SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
     "Somebody writes claims, pools, telemetry or instances": OBJECTS,
     "The token of a node's agent is stolen": AGENT,
     "The token of the labeller is stolen": LABELLER,
+    "Somebody promises devices of our driver in a ResourceSlice": SLICES,
+    "Somebody takes, hides or frees devices of our driver": CLAIMS,
 }
 
 

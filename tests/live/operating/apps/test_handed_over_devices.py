@@ -102,7 +102,7 @@ def test_a_component_has_a_claim_for_its_life_and_a_driver_that_comes_or_goes_re
         assert request["exactly"]["deviceClassName"] == DRIVER
         allocate(tenant, claim, device)
         message = tenant.wait("base", "Allocated", "True", reason="Allocated")["message"]
-        assert "1 of 1 devices handed over by the driver of the node" in message
+        assert "1 of 1 device handed over by the driver of the node" in message
         assert tenant.app("base")["status"]["summary"]["devices"] == "1/1"
         tenant.wait_ready("base")
 

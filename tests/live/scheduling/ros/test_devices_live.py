@@ -12,6 +12,7 @@ from tests.support.work_unit import is_in_time, slowness
 
 from campaigns.rigs.stage import CLAIMS, Json, Stage, deployment, nodes, pod
 from robotapp_api.model.names import API_VERSION, Annotation, Label
+from robotapp_claims.rules.device_attributes import DRIVER
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.namespaces import created
 from robotapp_testbed.machines.nodes import Device, SimulatedNode, edge
@@ -129,6 +130,8 @@ def test_a_node_without_the_device_is_refused_for_it(installed_plane: ControlPla
         assert message.startswith("0/1 nodes are available: 1 node(s) didn't have the required hardware.")
 
 
+DRA = "/apis/resource.k8s.io/v1"
+OURS = f'device.driver == "{DRIVER}"'
 TELEMETRY = f"/apis/{API_VERSION}/nodetelemetries"
 WANTS_CAMERA = {str(Annotation.AFFINITY): json.dumps({"hardware_requirements": [{"type": "usb"}]})}
 
@@ -221,3 +224,44 @@ def test_an_app_whose_components_need_more_devices_than_any_node_has_is_planned_
         stage.wait(bound, what=lambda: f"{granted}")
         assert granted == {"pair": ("edge-1", "can-can0,can-can1"), "first": ("edge-2", "can-can0")}
         assert len(claims(installed_plane, stage.namespace)) == 3
+
+
+def wishing_for_bus(name: str) -> Json:
+    return pod(name, resourceClaims=[{"name": "bus", "resourceClaimName": name}])
+
+
+def test_on_a_node_with_our_driver_a_bare_pod_and_a_resource_claim_never_have_one_device(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    """The thesis' annotated pods keep their ledger of RobotClaims beside the driver's ResourceClaims."""
+    api, path = installed_plane.api, f"{DRA}/namespaces/{stage.namespace}/resourceclaims"
+    name = f"robotapp-test-{secrets.token_hex(2)}"
+    api.create(
+        f"{DRA}/deviceclasses", {"metadata": {"name": name}, "spec": {"selectors": [{"cel": {"expression": OURS}}]}}
+    )
+    pool = {"name": "edge-1", "generation": 1, "resourceSliceCount": 1}
+    spec = {"driver": DRIVER, "nodeName": "edge-1", "pool": pool, "devices": [{"name": CAN.id}]}
+    request = {"name": "bus", "exactly": {"deviceClassName": name}}
+    with nodes(installed_plane, with_can()):
+        api.create(f"{DRA}/resourceslices", {"metadata": {"name": name}, "spec": spec})
+        try:
+            for claim in ("first", "third"):
+                api.create(path, {"metadata": {"name": claim}, "spec": {"devices": {"requests": [request]}}})
+            stage.create_pod(wishing_for_bus("first"))
+            assert stage.wait_bound("first") == "edge-1"
+            stage.create_pod(driver("second"))
+            stage.wait_refused("second", reason="Unschedulable")
+            note = stage.wait_event("second", reason="DeviceBusy")["note"]
+            assert f"device can-can0 on edge-1 is held by {stage.namespace}/first" in note
+            assert not claims(installed_plane, stage.namespace)
+
+            stage.delete_pod("first")
+            api.delete(f"{path}/first")
+            assert stage.wait_bound("second") == "edge-1"
+            stage.create_pod(wishing_for_bus("third"))
+            stage.wait_refused("third", reason="Unschedulable", saying="cannot allocate all claims")
+            stage.delete_pod("second")
+            assert stage.wait_bound("third") == "edge-1"
+        finally:
+            api.delete(f"{DRA}/resourceslices/{name}")
+            api.delete(f"{DRA}/deviceclasses/{name}")

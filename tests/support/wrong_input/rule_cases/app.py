@@ -1,5 +1,6 @@
 """Rules of a RobotApp as a whole: ends of edges, names in components, robots, ROS."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from tests.support.apiobjects import AMR_07, app, component, edge
@@ -32,6 +33,14 @@ def _completion(*components: str, **fields: Any) -> Object:
 
 def _recording(name: str, **topics: Any) -> Object:
     return {"name": name, "topics": topics}
+
+
+def _sweep(*counts: int, components: Sequence[Object] = (component("sim", job={}),), **spec: Any) -> Object:
+    """A sweep with a parameter of so many values for each number."""
+    parameters = [
+        {"name": f"p{index}", "values": [str(value) for value in range(count)]} for index, count in enumerate(counts)
+    ]
+    return app(components=list(components), matrix={"parameters": parameters}, **spec)
 
 
 def _override(name: str) -> Object:
@@ -110,6 +119,36 @@ APP = [
         app(recordings=[_recording("all", regex=".*")]),
         app(recordings=[_recording("driver", regex=".*")]),
         'recordings have names of components: ["driver"]; write other names',
+    ),
+    RuleCase(
+        "a sweep has no robots",
+        _sweep(2),
+        _sweep(2, robots=AMR_07),
+        "a sweep has an instance for each combination of values, and robots have one each; remove matrix or robots",
+    ),
+    RuleCase(
+        "instances of a sweep end",
+        _sweep(2),
+        _sweep(2, components=[component("sim")]),
+        "an instance of a sweep ends with its components that have job, and none has it, so later instances would wait for ever; write job: {} in the component whose program ends",
+    ),
+    RuleCase(
+        "an instance of a sweep ends with its jobs",
+        _sweep(2, components=[component("sim", job={}), component("world")], completion={}),
+        _sweep(2, components=[component("sim", job={}), component("world")]),
+        "an instance of a sweep would not end, because it has components or recordings that run on; write completion: {} to end it with its jobs",
+    ),
+    RuleCase(
+        "instances of a sweep have domains of their own",
+        _sweep(2, ros2={"domain": 7, "isolation": "Discovery", "discovery": {"mode": "Server"}}),
+        _sweep(2, ros2={"domain": 7}),
+        "one domain for all instances of a sweep would let them obey each other's topics; drop ros2.domain, or write ros2.isolation: Discovery",
+    ),
+    RuleCase(
+        "a sweep has at most 256 instances",
+        _sweep(16, 16),
+        _sweep(16, 17),
+        "a sweep has at most 256 instances, and the values of its parameters have more combinations; write fewer values, or a RobotApp for each part",
     ),
     RuleCase(
         "colocateWith exists",

@@ -8,8 +8,8 @@ from typing import Any
 from hypothesis import strategies as st
 
 from robotapp_agent.devices.device import Device, device_id
-from robotapp_agent.devices.kinds import TYPES
 from robotapp_agent.devices.tree import FOLDERS, USB_ATTRIBUTES, Entry, Snapshot
+from robotapp_api.values.devices.words import AGENT_TYPES
 from robotapp_api.values.naming import label_value
 
 TEXTS = st.one_of(
@@ -32,7 +32,7 @@ ATTRIBUTES = sorted({name for folder in FOLDERS for name in (*folder.attributes,
 @st.composite
 def devices(draw: st.DrawFn) -> Device:
     """Any device that discovery could answer."""
-    kind = draw(st.sampled_from(TYPES))
+    kind = draw(st.sampled_from(AGENT_TYPES))
     return Device(
         id=device_id(kind, draw(TEXTS)),
         type=kind,

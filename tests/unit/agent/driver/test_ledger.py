@@ -52,7 +52,12 @@ def test_a_device_stays_locked_between_two_pods_of_its_claim() -> None:
     assert not between.claims["uid-of-first"].is_prepared("boot-1")
     assert isinstance(between.prepare(prepared("second")), Held)
     assert between.prepare(prepared("first")) == ledger
-    assert between.forget("uid-of-first", allocated=[device().id]).claims
+    assert between.forget_unallocated("uid-of-first", allocated=[device().id], boot_id="boot-1") is between
+    given_up = between.forget_unallocated("uid-of-first", allocated=[], boot_id="boot-1")
+    assert given_up.claims == {}
+    assert ledger.forget_unallocated("uid-of-first", allocated=[], boot_id="boot-1") is ledger, (
+        "a container may have it"
+    )
     assert isinstance(between.forget("uid-of-first", allocated=["serial-9"]).prepare(prepared("second")), Ledger)
 
 

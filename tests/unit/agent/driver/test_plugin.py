@@ -19,8 +19,9 @@ from robotapp_agent.driver.kubelet import KubeletServer, SocketGoneError
 from robotapp_agent.driver.messages import ClaimReference
 from robotapp_agent.driver.node_files import CdiFolder, Checkpoint, DeviceFiles
 from robotapp_agent.driver.plugin import DevicePlugin, NodeFolders, Patience
+from robotapp_claims.rules.identity import claim_name_device
 from robotapp_client import ApiClient
-from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_client.api.resources import RESOURCECLAIMS, ROBOTCLAIMS
 from robotapp_client.transport.errors import NotFound, Unreachable
 
 ZERO = device(path="/dev/zero")
@@ -281,6 +282,20 @@ async def test_a_device_that_becomes_free_is_handed_over_at_once(node: Node) -> 
         assert (await waiting).error == ""
 
 
+async def test_a_claim_waits_for_a_holder_that_is_about_to_end_without_being_refused_first(node: Node) -> None:
+    """The holder's claim goes at once, its pod takes its grace period: a refusal would cost the 12 s until the kubelet's next try."""
+    for name in ("first", "second"):
+        node.allocate(name)
+    node.patience = Patience(0, 60, look_again_s=0.01)
+    async with node.run():
+        await node.kubelet.prepare("first")
+        node.api.store.remove(RESOURCECLAIMS, "first", "fleet")
+        waiting = asyncio.create_task(node.kubelet.prepare("second"))
+        await until(lambda: "/first" in node.api.requests[-1][1])
+        await node.kubelet.unprepare("first")
+        assert (await waiting).error == ""
+
+
 async def test_a_claim_that_was_deleted_while_it_waited_takes_nothing(node: Node) -> None:
     for name in ("first", "second"):
         node.allocate(name)
@@ -288,12 +303,25 @@ async def test_a_claim_that_was_deleted_while_it_waited_takes_nothing(node: Node
     async with node.run():
         await node.kubelet.prepare("first")
         waiting = asyncio.create_task(node.kubelet.prepare("second"))
-        await until(lambda: "/second" in node.api.requests[-1][1])
+        await until(lambda: "/first" in node.api.requests[-1][1])
         node.api.store.remove(RESOURCECLAIMS, "second", "fleet")
         await node.kubelet.unprepare("first")
         node.deallocate("first")
         assert "cannot be read" in (await waiting).error
     assert node.cdi.list_uids() == []
+
+
+async def test_a_device_that_a_robotclaim_holds_is_refused_unless_the_claim_had_it_before(node: Node) -> None:
+    robotclaim = claim_name_device(NODE, ADAPTER)
+    async with node.run():
+        await node.client.create(ROBOTCLAIMS, {"metadata": {"name": robotclaim}, "spec": {}})
+        node.allocate("driver")
+        assert f"in use by RobotClaim {robotclaim}" in (await node.kubelet.prepare("driver")).error
+        await node.client.delete(ROBOTCLAIMS, robotclaim)
+        assert (await node.kubelet.prepare("driver")).error == ""
+        await node.kubelet.unprepare("driver")
+        await node.client.create(ROBOTCLAIMS, {"metadata": {"name": robotclaim}, "spec": {}})
+        assert (await node.kubelet.prepare("driver")).error == ""
 
 
 async def test_a_holder_in_another_namespace_is_not_named(node: Node) -> None:

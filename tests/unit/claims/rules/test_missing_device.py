@@ -1,5 +1,6 @@
 """What a node has in place of a device that somebody called by another name."""
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -85,3 +86,16 @@ def test_the_cure_finds_the_device(device: TelemetryDevice) -> None:
     text = describe_missing(DeviceRequirement(type="x", interface=path), ROVER)
     assert f'usbID: "{device.identity}"' in text
     assert fits(DeviceRequirement(type=device.type, usb_id=device.identity), device)
+
+
+def test_a_bus_is_chosen_by_its_interface_and_a_misspelt_type_is_asked_about() -> None:
+    bus = {
+        "rover-1": (
+            msgspec.structs.replace(
+                ROVER["rover-1"][0], id="can-can0", type="can", identity="", interface="can0", path=""
+            ),
+        )
+    }
+    text = describe_missing(DeviceRequirement(type="camra"), bus)
+    assert "did you mean type: camera? Else write type: can, interface: can0, or a rule" in text
+    assert "did you mean" not in describe_missing(DeviceRequirement(type="lidar"), bus)

@@ -12,6 +12,7 @@ from robotapp_scheduler.core.dynamic_resources.standing_consumers import (
     explain_predecessor,
     find_release_reason,
     is_standing,
+    list_next_users,
     list_predecessors,
 )
 
@@ -72,6 +73,16 @@ def test_the_next_pod_waits_for_those_before_it_and_other_claims_are_shared() ->
     assert list_predecessors(held(POD_USER, APP_USER), "uid-p") == ()
     assert list_predecessors(held(POD_USER), "uid-q") == (), "allocated by another scheduler, which shares"
     assert list_predecessors(claim("mine", allocated_on("n1"), reservedFor=[POD_USER]), "uid-q") == ()
+
+
+def test_a_pod_is_entered_in_the_place_of_those_before_it_and_with_the_app_when_it_is_allocated() -> None:
+    def users(found: ResourceClaim, *, allocates: bool) -> list[str]:
+        return [user.uid for user in list_next_users(found, name="q", uid="uid-q", allocates=allocates)]
+
+    assert users(held(POD_USER, APP_USER), allocates=False) == ["uid-app", "uid-q"]
+    assert users(held(POD_USER), allocates=False) == ["uid-p", "uid-q"], "allocated by another scheduler, which shares"
+    assert users(claim("patrol-driver", ownerReferences=[OWNER]), allocates=True) == ["uid-q", "uid-app"]
+    assert users(claim("mine"), allocates=True) == ["uid-q"]
 
 
 def test_claims_of_others_are_left_alone() -> None:

@@ -9,7 +9,8 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 from tests.support.factories import UID, app_body, make_pod
 
-from robotapp_api.model.names import Label, Reason
+from robotapp_api.model.names import API_VERSION, Label, Reason
+from robotapp_claims.rules.objects import ResourceClaim
 from robotapp_client import ApiClient
 from robotapp_client.api.resources import EVENTS
 from robotapp_operator.plan.spec.objects import Deployment, Pod
@@ -235,3 +236,38 @@ async def test_a_pod_that_got_its_device_and_waits_for_its_image_keeps_it(world:
     await events.look(GROUP)
     assert world.cache.is_waiting(pod.metadata.uid)
     assert refused == []
+
+
+@pytest.mark.parametrize(("user", "is_replaced"), [("another-pod", True), ("", True), ("own", False)])
+async def test_a_pod_whose_claim_was_deleted_below_it_is_replaced_when_the_claim_is_there_anew(
+    world: WatchedEvents, user: str, *, is_replaced: bool
+) -> None:
+    refused: list[str] = []
+
+    async def take(pod: Pod) -> None:
+        refused.append(pod.metadata.name)
+
+    events = PodEvents(world.client, world.cache, world.queue, clock=lambda: world.now_s, on_refused=take)
+    pod = world.wait("driver")
+    note = f"pod driver is not allowed to use resource claim {pod.metadata.name}"
+    await world.event("e", pod.metadata.uid, note, reason="FailedPrepareDynamicResources")
+    await events.look(GROUP)
+    world.now_s = GIVE_BACK_S
+    await events.look(GROUP)
+    assert refused == [], "no claim to which its successor could be bound"
+    owner = {"apiVersion": API_VERSION, "kind": "RobotApp", "name": "teleop", "uid": UID, "controller": True}
+    uid = pod.metadata.uid if user == "own" else user
+    claim = {
+        "metadata": {
+            "name": "c",
+            "namespace": "default",
+            "labels": {Label.APP_UID.value: UID, Label.INSTANCE.value: ""},
+            "ownerReferences": [owner],
+        },
+        "status": {"reservedFor": [{"resource": "pods", "name": "p", "uid": uid}] if uid else []},
+    }
+    world.cache.allocations.put_claim(msgspec.convert(claim, ResourceClaim), before=None)
+    for _ in range(2):
+        await events.look(GROUP)
+        world.now_s += GIVE_BACK_S
+    assert refused == (["driver"] if is_replaced else [])

@@ -60,6 +60,15 @@ def test_a_device_held_by_another_app_is_named_with_its_holder() -> None:
     assert text.startswith("device can-can0 on amr-07 is held by default/arm")
 
 
+def test_a_device_that_would_be_shared_and_is_held_by_one_alone_is_named_with_its_holder() -> None:
+    sharing = make_app(component(devices=[BUS | {"sharing": "Cluster"}]))
+    held = claim_of("can-can0", uid="other")
+    text = device_trouble(sharing, ON_ROBOT, claims=[held], telemetry=node_with("can0"))
+    assert text.startswith("device can-can0 on amr-07 is held by default/arm")
+    assert device_trouble(sharing, ON_ROBOT, claims=[held], telemetry=node_with("can0", "can1")) != ""
+    assert device_trouble(sharing, ON_ROBOT, claims=[], telemetry=node_with("can0")) == ""
+
+
 def test_holders_of_other_namespaces_are_not_named() -> None:
     foreign = claim_of("can-can0", uid="other", namespace="team-b")
     text = device_trouble(WANTING, ON_ROBOT, claims=[foreign], telemetry=node_with("can0"))

@@ -59,11 +59,11 @@ def test_a_refusal_is_told_under_its_own_reason(reason: Reason) -> None:
 
 def test_a_device_that_is_lost_is_told_and_so_is_its_return_but_not_that_it_is_not_needed_any_more() -> None:
     lost = status(Allocated=("False", "DeviceLost", "driver: device cam on edge-1 is gone: plug it in again"))
-    back = status(Allocated=("True", "Allocated", "domain 7; 1 of 1 devices"))
+    back = status(Allocated=("True", "Allocated", "domain 7; 1 of 1 device"))
     assert reasons(back, lost) == ["DeviceLost"]
     (item,) = events_between(lost, back, new_domains={}, there=["device can on edge-1", "device cam on edge-1"])
     assert (item.reason, item.warning) == (EventReason.DEVICE_RETURNED, False)
-    assert item.note == "device cam on edge-1 is back: domain 7; 1 of 1 devices"
+    assert item.note == "device cam on edge-1 is back: domain 7; 1 of 1 device"
     assert reasons(lost, status(Allocated=("Unknown", "Pending", ""))) == []
 
 

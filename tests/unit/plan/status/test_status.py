@@ -167,7 +167,7 @@ def test_where_another_scheduler_is_the_operators_setting_ours_is_to_be_written(
 def test_reserved_devices_that_no_node_hands_over_are_said_to_be_so() -> None:
     status = status_of(instance(UP, devices_wanted=2, devices_held=2))
     assert condition(status, Condition.ALLOCATED) == ("True", Reason.ALLOCATED)
-    text = "domain 7; 2 of 2 devices reserved, but not handed over: their nodes have no driver that gives devices to containers"
+    text = "domain 7; 2 of 2 devices reserved, but not handed over: no driver there gives devices to containers"
     assert message(status, Condition.ALLOCATED) == text
 
 

@@ -16,7 +16,8 @@ from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.devices.resource_claim import DeviceClaim, wanted_claims
 from robotapp_operator.plan.spec.desired import Domain, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Pod
-from robotapp_operator.reconcile.devices.resource_claims import give_back, plan_claims
+from robotapp_operator.queue.work import StartOver
+from robotapp_operator.reconcile.devices.resource_claims import give_back, plan_claims, release_unused
 from robotapp_operator.watch.cache import Cache
 
 APP = make_app(component("driver", devices=[{"name": "lidar", "type": "serial"}]))
@@ -117,5 +118,49 @@ async def test_a_refused_claim_goes_after_its_pod_and_never_below_one() -> None:
         await give_back(client, cache, found)
         assert len((await client.list(RESOURCECLAIMS)).items) == 1, "it changed, so it may have its device by now"
         refusal = None
+        written = {"metadata": {"annotations": {"written": "by the scheduler that bound the successor"}}}
+        newer = await client.patch(RESOURCECLAIMS, WANTED.name, written, namespace=APP.namespace)
+        await give_back(client, cache, found)
+        assert len((await client.list(RESOURCECLAIMS)).items) == 1, "its successor has it by now"
+        cache.allocations.put_claim(
+            msgspec.convert({**newer, "status": {"reservedFor": [user]}}, ResourceClaim), before=claim
+        )
         await give_back(client, cache, found)
         assert (await client.list(RESOURCECLAIMS)).items == []
+
+
+@pytest.mark.parametrize("change", [{"uid": "another"}, {"resource_version": "1"}])
+async def test_a_claim_that_was_written_or_made_anew_is_not_deleted_and_everything_is_read_again(
+    change: dict[str, str],
+) -> None:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        body = await client.create(RESOURCECLAIMS, WANTED.body(APP), namespace=APP.namespace)
+        claim = msgspec.convert(body, ResourceClaim)
+        stale = msgspec.structs.replace(claim, metadata=msgspec.structs.replace(claim.metadata, **change))
+        with pytest.raises(StartOver):
+            await release_unused(client, [stale])
+        assert len((await client.list(RESOURCECLAIMS)).items) == 1
+        await release_unused(client, [claim])
+        await release_unused(client, [claim])
+        assert (await client.list(RESOURCECLAIMS)).items == []
+
+
+async def test_a_pod_without_a_place_in_its_new_claim_is_evicted_and_the_claim_kept() -> None:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        claim = await client.create(RESOURCECLAIMS, WANTED.body(APP), namespace=APP.namespace)
+        labels = {Label.APP_UID.value: APP.uid, Label.INSTANCE.value: "", Label.COMPONENT.value: "driver"}
+        body = {"metadata": {"name": "p", "namespace": APP.namespace, "labels": labels}, "spec": {"nodeName": "n"}}
+        waiting_pod = msgspec.convert(await client.create(PODS, body), Pod)
+        cache, evicted = Cache(), list[str]()
+
+        async def evict(path: str, _body: bytes) -> bytes:
+            evicted.append(path)
+            return b"{}"
+
+        client.post_raw = evict  # type: ignore[method-assign,assignment]
+        await give_back(client, cache, waiting_pod)
+        assert evicted == [], "its claim is not made anew yet"
+        cache.allocations.put_claim(msgspec.convert(claim, ResourceClaim), before=None)
+        await give_back(client, cache, waiting_pod)
+        assert evicted == [PODS.path(APP.namespace, "p", "eviction")]
+        assert len((await client.list(RESOURCECLAIMS)).items) == 1
