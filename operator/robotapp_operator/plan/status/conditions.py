@@ -70,7 +70,9 @@ def _ended(facts: AppFacts) -> Verdict:
     if not failed:
         last = max(ending.time for _, ending in endings)
         return Verdict(
-            "False", Reason.COMPLETED, f"{count_of(len(endings), len(endings), 'instance')} completed at {last}"
+            "False",
+            Reason.COMPLETED,
+            f"{count_of(len(endings), len(endings), 'instance', 'has', 'have')} completed at {last}",
         )
     instance, ending = failed[0]
     text = _named(facts, instance, explain_ending(instance, ending))
