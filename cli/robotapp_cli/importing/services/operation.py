@@ -76,7 +76,9 @@ def list_ending_services(context: Context) -> frozenset[str]:
         for part in parts
         if part is not None and part.fields is not None
         for name, item in part.fields.items()
-        if item.fields is not None and (condition := item.get("condition")) is not None and condition.scalar == _COMPLETED
+        if item.fields is not None
+        and (condition := item.get("condition")) is not None
+        and condition.scalar == _COMPLETED
     )
 
 
