@@ -12,6 +12,9 @@ from campaigns.storm.recorder import Recorder
 from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines.nodes import Device, edge
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
+from robotapp_testbed.machines.topology import Topology, apply, remove
 from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.usefixtures("operator")
@@ -191,3 +194,20 @@ def test_a_job_that_is_edited_while_it_runs_never_has_two_pods_and_ends_once(
     assert report.problems == []
     assert report.pods == 1
     eventually(lambda: not domains_of(runs), what=runs.claims)
+
+
+def test_a_job_has_its_device_for_itself_and_gives_it_back_when_it_has_ended(
+    runs: Tenant, ids: str, installed_plane: ControlPlane
+) -> None:
+    machines = Topology([edge("bus-of-jobs", devices=[Device(id="can-can0", type="can", interface="can0")])])
+    apply(installed_plane, machines)
+    try:
+        with SimulatedTelemetry(installed_plane, machines):
+            device = {"name": "bus", "type": "can"}
+            runs.apply("calibrate", part("calibrate", job={}, devices=[device]), ros2={"pool": ids})
+            wait_phase(runs, "calibrate", "Completed")
+            (pod,) = runs.listed("pods")
+            assert pod["spec"]["nodeName"] == "bus-of-jobs"
+            eventually(lambda: not runs.claims(), what=runs.claims)
+    finally:
+        remove(installed_plane, machines)
