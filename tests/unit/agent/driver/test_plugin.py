@@ -289,7 +289,7 @@ async def test_a_claim_that_was_deleted_while_it_waited_takes_nothing(node: Node
     async with node.run():
         await node.kubelet.prepare("first")
         waiting = asyncio.create_task(node.kubelet.prepare("second"))
-        await until(lambda: "/second" in node.api.requests[-1][1])
+        await until(lambda: sum("/robotclaims/" in request[1] for request in node.api.requests) == 2)
         node.api.store.remove(RESOURCECLAIMS, "second", "fleet")
         await node.kubelet.unprepare("first")
         node.deallocate("first")
