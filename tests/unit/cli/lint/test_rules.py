@@ -169,7 +169,7 @@ def test_an_interface_that_no_agent_publishes_is_a_warning(interface: str, reaso
 
 
 @pytest.mark.parametrize(
-    ("kind", "meant"), [("camra", "camera"), ("seriel", "serial"), ("Viedo", "video"), ("tyt", ""), ("thermometer", "")]
+    ("kind", "meant"), [("camra", "camera"), ("seriel", "serial"), ("viedo", "video"), ("tyt", ""), ("thermometer", "")]
 )
 def test_a_misspelt_type_of_device_is_asked_about_and_a_type_of_the_admins_own_rules_is_not(
     kind: str, meant: str
