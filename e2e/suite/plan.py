@@ -209,7 +209,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/campaigns/scenarios/": ("tests/live/scheduling/ros/test_scenarios_live.py",),
     "e2e/campaigns/scheduler/": ("tests/live/scheduling/", "tests/live/speed/"),
     "e2e/campaigns/speed/": ("tests/live/speed/",),
-    "e2e/campaigns/storm/": ("tests/live/claims/",),
+    "e2e/campaigns/storm/": ("tests/live/claims/", "tests/live/operating/"),
     "e2e/campaigns/truth/": ("tests/live/journeys/",),
     "e2e/campaigns/versions/": ("tests/live/chart/",),
     "tests/golden/": ("tests/live/bridge/test_cluster_live.py",),
