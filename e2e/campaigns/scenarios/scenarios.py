@@ -300,7 +300,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--most-nodes", type=options.count(3, 1000), default=200)
     parser.add_argument("--only", default="", help="scenarios whose name this regular expression finds")
     parser.add_argument("--json", type=options.report, help="write every outcome to this file")
-    parser.add_argument("--page", type=Path, help="write the table between the marks of this page: docs/evaluation/eo1.md")
+    parser.add_argument(
+        "--page", type=Path, help="write the table between the marks of this page: docs/evaluation/eo1.md"
+    )
     return parser
 
 
