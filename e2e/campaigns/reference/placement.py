@@ -99,8 +99,8 @@ def _list_budgets(app: Json, nodes: Mapping[str, str], topology: Topology) -> di
         if budget is None:
             continue
         places = [nodes.get(end, "") for end in ends]
-        known = all(place in topology.nodes for place in places)
-        promises[f"{ends[0]} and {ends[1]} are within {budget}"] = known and topology.rtt_ms(
+        are_placed = all(place in topology.nodes for place in places)
+        promises[f"{ends[0]} and {ends[1]} are within {budget}"] = are_placed and topology.rtt_ms(
             *places
         ) * 1000 <= parse_us(budget)
     return promises

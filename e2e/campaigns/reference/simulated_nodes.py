@@ -42,7 +42,7 @@ class Rig:
             teleop_app.apply(self.cp, namespace, [*volumes, *claims, app])
             components = [component["name"] for component in app["spec"]["components"]]
             wait_until(
-                lambda: all(self._list_nodes(namespace, name).get(each) for each in components),
+                lambda: all(map(self._list_nodes(namespace, name).get, components)),
                 timeout_s=PLACED_S,
                 poll_s=0.2,
             )

@@ -69,9 +69,9 @@ def list_trips(app: RunningApp) -> list[tuple[float, tuple[int, int, int, float,
     pattern = r"(\d+) commands, (\d+) answered, (\d+) late .*p50 ([\d.]+) ms, p95 ([\d.]+) ms, p99 ([\d.]+) ms"
     summaries = []
     for at_s, line in app.list_lines("operator"):
-        if found := re.search(pattern, line):
-            sent, answered, late = map(int, found.groups()[:3])
-            p50, p95, p99 = map(float, found.groups()[3:])
+        if match := re.search(pattern, line):
+            sent, answered, late = map(int, match.groups()[:3])
+            p50, p95, p99 = map(float, match.groups()[3:])
             summaries.append((at_s, (sent, answered, late, p50, p95, p99)))
     return summaries
 

@@ -170,8 +170,7 @@ class Children:
         if instance is None or not names_config(app, self._cache):
             self._params.forget_instance(app.uid, robot)
             return
-        own = app_of_instance(app, instance, self._cache)
-        await self._params.read(own, robot)
+        await self._params.read(app_of_instance(app, instance, self._cache), robot)
 
     def due_s(self, uid: str, robot: str) -> float:
         """Seconds after which a restart for a change of a ConfigMap may be made, or the time of its jobs is over; 0 when none waits."""
@@ -321,9 +320,8 @@ class Children:
 
     def _must_not_start(self, app: App, instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
         """Whether nothing of it may be made yet. An instance that is there already goes on as it is written."""
-        return not observed and bool(
-            instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
-        )
+        waits = instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
+        return bool(waits) and not observed
 
     def _claims_to_release(
         self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]

@@ -52,10 +52,10 @@ READERS: Final[Mapping[str, str]] = {
         spec.recordings.name spec.recordings.topics.names spec.recordings.topics.regex spec.recordings.topics.exclude
         spec.recordings.split.size spec.recordings.split.duration spec.recordings.retain.size spec.recordings.volume.claimName
         spec.recordings.tiers spec.recordings.image spec.recordings.imagePullPolicy spec.recordings.resources""",
-    f"{CLAIMS}/instances.py": """
-        spec.robots.assignment spec.completion.success.operator spec.completion.success.components spec.completion.deadline""",
     "crds/robotapp_api/values/sweeps/matrix.py": """
         spec.matrix.parameters.name spec.matrix.parameters.values spec.matrix.parallelism""",
+    f"{CLAIMS}/instances.py": """
+        spec.robots.assignment spec.completion.success.operator spec.completion.success.components spec.completion.deadline""",
     f"{CLAIMS}/device.py": """
         spec.components.devices.type spec.components.devices.model spec.components.devices.interface
         spec.components.devices.usbID spec.components.devices.sharing""",
