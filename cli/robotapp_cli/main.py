@@ -37,6 +37,7 @@ from robotapp_cli.reading.session import Options, Session, run
 from robotapp_cli.verbs import Verbs, print_version
 from robotapp_cli.working.bags import add_bag_commands
 from robotapp_cli.working.commands import add_working_commands
+from robotapp_cli.working.runs import add_runs_command
 from robotapp_cli.written import object_name
 
 _EPILOG = """\
@@ -401,6 +402,7 @@ def console_command(
 
 add_working_commands(app)
 add_bag_commands(app)
+add_runs_command(app)
 
 
 def main() -> None:

@@ -150,15 +150,16 @@ def _tell_and_stay(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> Non
     _leave_terminal()
 
 
-def set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluster:
-    """The nodes, and operator and scheduler as local processes with their pods' rights."""
+def set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack, topology: Topology | None = None) -> DemoCluster:
+    """Makes the nodes, by default those of the story, and runs operator and scheduler with their pods' rights."""
     confined = isinstance(cluster, GuestPlane)
     if confined:
         stage.say(f"A guest in your cluster {cluster.server_url}: everything added is removed at the end.")
         stage.say("Each application gets a toleration and a node selector that keep it on the simulated nodes.")
     else:
         stage.say(f"A real control plane runs: {cluster.server_url} (etcd, kube-apiserver, controllers, scheduler).")
-    stage.say("Nodes: 2 robots, 2 edge servers, 1 cloud machine.")
+    if topology is None:
+        stage.say("Nodes: 2 robots, 2 edge servers, 1 cloud machine.")
     stage.say(
         "[yellow]Simulated[/yellow]: the kubelets (by kwok) and the telemetry (round trips of 2, 15 and 60 ms, load)."
     )
@@ -166,7 +167,7 @@ def set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluster
         # Its nodes are simulated, and so is what an agent would measure.
         values = {"agent": {"enabled": False}, "domainPool": {"quarantineSeconds": 1}}
         product.install(cluster, values=values)
-    topology = build_topology(guests=confined)
+    topology = topology or build_topology(guests=confined)
     apply(cluster, topology)
     telemetry = stack.enter_context(SimulatedTelemetry(cluster, topology))
     for node in topology:

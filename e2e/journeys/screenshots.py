@@ -1,4 +1,4 @@
-"""`scripts/screenshots`: the console's pictures, taken in a real browser from the demo's fleet."""
+"""`scripts/screenshots`: the console's pictures, taken in a real browser from the demo's fleet; `--graphs`: those of the applications."""
 
 import argparse
 import base64
@@ -14,6 +14,7 @@ from playwright.sync_api import Browser, BrowserContext, Page
 
 from journeys.demo import set_up
 from journeys.demo_cluster import NAMESPACE, ROOT, DemoCluster
+from journeys.graphs import draw_graphs
 from journeys.stage import Stage
 from robotapp_testbed import ControlPlane, TestbedError
 from robotapp_testbed.browser.chromium import open_browser
@@ -60,9 +61,13 @@ PICTURES: Final = (
 
 def main() -> int:
     arguments = _make_parser().parse_args()
-    arguments.into.mkdir(parents=True, exist_ok=True)
     stage = Stage()
     try:
+        if arguments.graphs:
+            for sentence in draw_graphs(stage):
+                print(sentence)
+            return 0
+        arguments.into.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
             browser = stack.enter_context(open_browser())
             cluster = stack.enter_context(ControlPlane())
@@ -79,6 +84,8 @@ def main() -> int:
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="scripts/screenshots", description="Takes the pictures of the console.")
     parser.add_argument("--into", type=Path, default=FOLDER, help="folder of the pictures")
+    graphs = "instead: the console's graph of each application of examples/reference, into its folder; needs no browser"
+    parser.add_argument("--graphs", action="store_true", help=graphs)
     return parser
 
 

@@ -42,7 +42,7 @@ TOUCHED_BUDGET_S: Final = 900.0
 """At most so many seconds of tests that a landing's files concern, by measured durations; more waits for its turn."""
 QUICK: Final = "unit and property tests"
 ALL_EXAMPLES: Final = "property tests with all examples"
-REAL_NODES: Final = ("tests/live/nodes", "tests/live/images", "e2e/tests/live")
+REAL_NODES: Final = ("tests/live/nodes", "tests/live/images", "tests/live/reference", "e2e/tests/live")
 """Groups that start kubelets or build images; all others do with the programs of simulated nodes."""
 TOOLS: Final = ("testbed", "campaigns", "ros_nodes", "suite")
 EPILOG: Final = """\

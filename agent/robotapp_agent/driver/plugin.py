@@ -36,11 +36,12 @@ MOST_REFUSED: Final = 1024
 
 
 class Patience(NamedTuple):
-    """How long a preparation waits for a device in use. The kubelet would try again after 12 s only, and gives a call 45 s."""
+    """Seconds that a preparation waits for a device in use. The kubelet would try again after 12 s only, and gives a call 45 s."""
 
     first_s: float = 3.0
-    """A claim's first try: enough for a pod that is about to end, and the event that names the holder comes soon."""
+    """A claim's first try while another claim has the device in the API, too: the event that names the holder comes soon."""
     later_s: float = 30.0
+    """A claim's next try, and the first one after a holder whose claim is gone: 30 s are the usual grace period of its pod."""
     look_again_s: float = 1.0
     """A claim that no pod uses keeps its device until it is deleted or deallocated, which only a read shows."""
 
@@ -156,9 +157,10 @@ class DevicePlugin:
 
     async def _wait_until_free(self, plan: PreparedClaim) -> bool:
         """Returns when the claim's devices are free or the patience ends: whether it had to wait."""
-        if self._ledger.find_holder(plan) is None:
+        held = self._ledger.find_holder(plan)
+        if held is None:
             return False
-        patience_s = self._patience.later_s if plan.uid in self._refused else self._patience.first_s
+        patience_s = await self._choose_patience_s(plan, held)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 while held := self._ledger.find_holder(plan):
@@ -167,6 +169,14 @@ class DevicePlugin:
                     elif not await self._forget_if_gone(held.holder):
                         await asyncio.sleep(self._patience.look_again_s)
         return True
+
+    async def _choose_patience_s(self, plan: PreparedClaim, held: Held) -> float:
+        """Returns how long the claim waits for its holder: longer for one whose claim is gone, because its pod is about to end."""
+        if plan.uid in self._refused:
+            return self._patience.later_s
+        allocated = await self._read_allocated(held.holder)
+        is_given_up = allocated is not None and held.device not in allocated
+        return self._patience.later_s if is_given_up else self._patience.first_s
 
     async def _wait_for_release(self, holder: PreparedClaim) -> None:
         async with self._releases:
@@ -238,16 +248,9 @@ class DevicePlugin:
         """Forgets devices of an entry of the ledger that its claim has no more, if no container has them; returns whether it did."""
         if claim.is_prepared(self._boot_id):
             return False
-        try:
-            current = await self._client.get(
-                RESOURCECLAIMS, claim.name, namespace=claim.namespace, as_type=ResourceClaim
-            )
-            is_same = current.metadata.uid == claim.uid
-            allocated = {r.device for r in current.results if r.pool == self._node} if is_same else set()
-        except (ClientError, msgspec.ValidationError) as error:
-            if not (isinstance(error, NotFound) and means_gone(error, claim.name)):
-                return False
-            allocated = set()
+        allocated = await self._read_allocated(claim)
+        if allocated is None:
+            return False
         # An equal entry is not enough: the claim may have been allocated, prepared and given back since it was read.
         if self._ledger.claims.get(claim.uid) is not claim:
             return False
@@ -262,3 +265,16 @@ class DevicePlugin:
             return False
         log.info("claim %s/%s has given its devices back", claim.namespace, claim.name)
         return True
+
+    async def _read_allocated(self, claim: PreparedClaim) -> set[str] | None:
+        """Returns which devices of this node the API server shows as the claim's, none for a claim that is gone; None if it cannot be read."""
+        try:
+            current = await self._client.get(
+                RESOURCECLAIMS, claim.name, namespace=claim.namespace, as_type=ResourceClaim
+            )
+        except (ClientError, msgspec.ValidationError) as error:
+            is_gone = isinstance(error, NotFound) and means_gone(error, claim.name)
+            return set() if is_gone else None
+        if current.metadata.uid != claim.uid:
+            return set()
+        return {result.device for result in current.results if result.pool == self._node}

@@ -11,12 +11,12 @@ from robotapp_claims.protocol.writes import Api, Refused, note_nodes, touch
 from robotapp_claims.rules import domain as rules
 from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Step
 from robotapp_claims.rules.identity import same_holder
-from robotapp_claims.rules.objects import App, Claim, Deployment, Holder, Pool
+from robotapp_claims.rules.objects import App, Claim, Deployment, Holder, Job, Pool
 from robotapp_claims.rules.pools import refuse_overlap
 from robotapp_claims.rules.release import claims_domain
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of, waiting_text
 from robotapp_claims.rules.usage import deployment_ids, usage_of
-from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, JOBS, ROBOTAPPS, ROBOTCLAIMS
 
 RESTARTS: Final = 5
 """Start over this often within one call when another writer was faster; then the caller's queue backs off."""
@@ -195,7 +195,7 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
         return await _without_id(client, request, DomainOutcome(Reason.INVALID_SPEC, text), deployments)
     claim, claims = None, list[Claim]()
     if app is not None:
-        theirs = usage_of(deployments=await app_deployments(client, app))
+        theirs = usage_of(deployments=await app_deployments(client, app), jobs=await app_jobs(client, app))
         claims = await instance_claims(client, app.metadata.uid)
         named_ids_of = theirs.named_by_instance(app.metadata.namespace, app.metadata.uid)
         claim = claim_to_join(app, request.holder.instance, claims, named=named_ids_of)
@@ -230,9 +230,12 @@ async def read_pools(client: Api) -> dict[str, Pool]:
 
 
 async def instance_deployments(client: Api, holder: Holder) -> list[Deployment]:
+    """Returns the instance's Deployments, and as such its Jobs that have not ended: their templates name domains alike."""
     selector = f"{Label.APP_UID}={holder.uid},{Label.INSTANCE}={holder.instance}"
     listing = await client.list(DEPLOYMENTS, namespace=holder.namespace, label_selector=selector, as_type=Deployment)
-    return listing.items
+    jobs = await client.list(JOBS, namespace=holder.namespace, label_selector=selector, as_type=Job)
+    unfinished = (job for job in jobs.items if job.status.verdict is None)
+    return [*listing.items, *(Deployment(metadata=job.metadata, spec=job.spec) for job in unfinished)]
 
 
 async def app_deployments(client: Api, app: App) -> list[Deployment]:
@@ -240,6 +243,13 @@ async def app_deployments(client: Api, app: App) -> list[Deployment]:
     meta = app.metadata
     selector = f"{Label.APP_UID}={meta.uid}"
     return (await client.list(DEPLOYMENTS, namespace=meta.namespace, label_selector=selector, as_type=Deployment)).items
+
+
+async def app_jobs(client: Api, app: App) -> list[Job]:
+    """Returns the Jobs of all instances of an app."""
+    meta = app.metadata
+    selector = f"{Label.APP_UID}={meta.uid}"
+    return (await client.list(JOBS, namespace=meta.namespace, label_selector=selector, as_type=Job)).items
 
 
 async def instance_claims(client: Api, uid: str, *, instance: str | None = None) -> list[Claim]:

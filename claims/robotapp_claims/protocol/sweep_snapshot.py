@@ -18,14 +18,21 @@ from robotapp_api.model.names import Label
 from robotapp_api.values.naming import DNS_LABEL
 from robotapp_claims.protocol.writes import Api, T
 from robotapp_claims.rules.identity import same_holder
-from robotapp_claims.rules.instances import instances_of, out_of_sight, robot_selection_of
-from robotapp_claims.rules.objects import App, Claim, Deployment, Holder, Meta, Object, Pod, Pool, ReplicaSet
+from robotapp_claims.rules.instances import (
+    completion_rules_of,
+    find_ending,
+    instances_of,
+    out_of_sight,
+    robot_selection_of,
+)
+from robotapp_claims.rules.objects import App, Claim, Deployment, Holder, Job, Meta, Object, Pod, Pool, ReplicaSet
 from robotapp_claims.rules.release import is_gone, unseen_nodes, wants_domain
 from robotapp_claims.rules.repair import places_of, requested_places
-from robotapp_claims.rules.usage import Usage, owner_as_used, pod_as_used, usage_of
+from robotapp_claims.rules.usage import Usage, holder_key, owner_as_used, pod_as_used, usage_of
 from robotapp_client.api.resources import (
     DEPLOYMENTS,
     DOMAINPOOLS,
+    JOBS,
     NODES,
     PODS,
     REPLICASETS,
@@ -33,6 +40,7 @@ from robotapp_client.api.resources import (
     ROBOTCLAIMS,
     Resource,
 )
+from robotapp_client.api.times import utc_now
 from robotapp_client.transport.errors import Forbidden, NotFound, means_gone
 
 DEFAULT_QUARANTINE_S = 60
@@ -141,10 +149,15 @@ class View:
     async def wants(self, claim: Claim) -> bool:
         """Whether the app behind a domain claim lives and wants exactly this id for this instance."""
         app = await self.app(claim.holder)
-        if app is None or not await self.instance_exists(app, claim.holder.instance):
+        if app is None or not await self.instance_exists(app, claim.holder.instance) or self._has_ended(app, claim):
             return False
         siblings = [c for c in self.claims if c.spec.domain and same_holder(c.holder, claim.holder)]
         return wants_domain(app, claim, siblings, named=self.usage.named_by_deployments(claim.holder))
+
+    def _has_ended(self, app: App, claim: Claim) -> bool:
+        """Whether the jobs of the holder's instance have decided that nothing of it runs any more."""
+        jobs, rules = self.usage.jobs.get(holder_key(claim.holder), {}), completion_rules_of(app)
+        return rules is not None and find_ending(rules, jobs, now=utc_now()) is not None
 
     async def usage_everywhere(self) -> Usage | None:
         """What the workloads of all namespaces use, read once per pass; None when we may not list them."""
@@ -202,7 +215,7 @@ class View:
 
 
 async def read_view(client: Api, namespaces: Collection[str] | None) -> View:
-    """Claims, then pools, Deployments, ReplicaSets and pods, one LIST each (one per namespace for a namespaced one)."""
+    """Claims, then pools, Deployments, ReplicaSets, Jobs and pods, one LIST each (one per namespace for a namespaced one)."""
     listing = await client.list(ROBOTCLAIMS, as_type=Claim)
     pools = await client.list(DOMAINPOOLS, as_type=Pool)
     usage, pods = await _workloads(client, namespaces)
@@ -221,8 +234,9 @@ async def _workloads(client: Api, namespaces: Collection[str] | None) -> tuple[U
     """In the order in which one makes the next, so that none slips through between two listings."""
     deployments = await _children(client, DEPLOYMENTS, namespaces, Deployment, keep=owner_as_used)
     replica_sets = await _children(client, REPLICASETS, namespaces, ReplicaSet, keep=owner_as_used)
+    jobs = await _children(client, JOBS, namespaces, Job, keep=owner_as_used)
     pods = await _children(client, PODS, namespaces, Pod, keep=pod_as_used)
-    return usage_of(deployments=deployments, replica_sets=replica_sets, pods=pods), pods
+    return usage_of(deployments=deployments, replica_sets=replica_sets, jobs=jobs, pods=pods), pods
 
 
 async def _children(

@@ -1,4 +1,4 @@
-"""Which instances of an app exist: one in all, one per robot, or one for any robot.
+"""Which instances of an app exist: one in all, one per robot, one for any robot, or one per combination of a matrix; and when one has ended.
 
 One rule for the operator, which reads caches, and the sweep, which reads afresh: an instance that exists for
 one and not for the other would be created and freed in turn.
@@ -6,12 +6,15 @@ one and not for the other would be created and freed in turn.
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from datetime import datetime, timedelta
+from typing import Any, Final, NamedTuple, Protocol
 
-from robotapp_api.model.names import Annotation, Label
+from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.selector import matches_labels
+from robotapp_api.values.sweeps.matrix import expand_matrix
 from robotapp_claims.rules.identity import hash10
-from robotapp_claims.rules.objects import App, Meta
+from robotapp_claims.rules.objects import COMPLETE, App, Job, Meta
 
 ANY: Final = "Any"
 FEW_MISSING: Final = 3
@@ -41,7 +44,8 @@ class Primary:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """`robot` is the instance's key ("" for an app without robots), `node` the robot's primary node.
+    """`robot` is the instance's key ("" for an app without robots, for one with a matrix the name of the combination), `node` the
+    robot's primary node.
 
     problem: why no node of the robot is its primary one, and what to label; `node` is "" then. The instance exists all the
     same: what runs goes on running, and whether a new one starts is for the caller to decide.
@@ -56,19 +60,30 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class RobotSelection:
-    """An app's spec.robots. node_selector is metav1.LabelSelector as plain JSON, None for an app without robots."""
+    """An app's spec.robots and spec.matrix. node_selector is metav1.LabelSelector as plain JSON, None for an app without robots.
+
+    combinations: names of the instances of its matrix, None without one.
+    """
 
     uid: str
     namespace: str
     node_selector: Mapping[str, Any] | None = None
     assignment: str = "Each"
+    combinations: tuple[str, ...] | None = None
 
 
 def robot_selection_of(app: App) -> RobotSelection:
     robots, meta = app.spec.robots, app.metadata
+    if app.spec.matrix is not None:
+        return RobotSelection(meta.uid, meta.namespace, combinations=list_combinations(app.spec.matrix))
     if robots is None:
         return RobotSelection(meta.uid, meta.namespace)
     return RobotSelection(meta.uid, meta.namespace, robots.node_selector, robots.assignment)
+
+
+def list_combinations(matrix: Mapping[str, Any]) -> tuple[str, ...]:
+    """Returns the names of the instances of a matrix, in the order of its values."""
+    return tuple(instance.name for instance in expand_matrix(matrix))
 
 
 def instances_of(
@@ -87,6 +102,8 @@ def instances_of(
     (unreachable: names of nodes) whose primary node is known, spread over the robots by hash instead of always taking the
     first name. kept: those robots out of sight whose instances go on.
     """
+    if selection.combinations is not None:
+        return tuple(map(Instance, sorted(selection.combinations)))
     if selection.node_selector is None:
         return (Instance(),)
     nodes = list(nodes)
@@ -217,3 +234,112 @@ def admits(annotations: Mapping[str, str], namespace: str) -> bool:
     """Whether this node admits the namespace. A robot does only if each of its computers does (`closed_nodes`)."""
     names = admitted(annotations.get(Annotation.ALLOWED_NAMESPACES))
     return names is None or namespace in names
+
+
+# Components that end: when an instance has ended, so that nothing of it runs any more and it wants no domain
+
+
+LONGEST_DEADLINE: Final = timedelta(days=3650)
+
+
+class CompletionRules(NamedTuple):
+    """Which jobs decide that an instance has ended, by the names under which their components run."""
+
+    jobs: frozenset[str]
+    any_suffices: bool = False
+    deadline: timedelta | None = None
+    """How long they may take together."""
+
+
+class JobState(NamedTuple):
+    """What a Job has come to. generation: that of the app for which it was created. Times as the API has them."""
+
+    created: str
+    generation: int = 0
+    verdict: str = ""
+    """Complete or Failed; "" while it may still run."""
+    ended: str = ""
+
+
+class Ending(NamedTuple):
+    """Why an instance has ended: Completed, JobFailed or DeadlineExceeded."""
+
+    reason: Reason
+    component: str = ""
+    """The job that decided it."""
+    time: str = ""
+
+    @property
+    def is_success(self) -> bool:
+        return self.reason is Reason.COMPLETED
+
+
+def completion_rules_of(app: App) -> CompletionRules | None:
+    """Returns when instances of the app end, None for those that run on: without a job, or with components beside the jobs and no
+    `completion`. A component with replicas: 0 counts for nothing.
+    """
+    spec = app.spec
+    components = [component for component in spec.components if component.replicas]
+    jobs = [component for component in components if component.job is not None]
+    if spec.completion is None:
+        ends = bool(jobs) and len(jobs) == len(components)
+        return CompletionRules(frozenset(name for job in jobs for name in job.names)) if ends else None
+    success = spec.completion.success
+    counting = [job for job in jobs if not success.components or job.name in success.components]
+    if not counting:
+        return None
+    return CompletionRules(
+        frozenset(name for job in counting for name in job.names),
+        any_suffices=success.operator == "Any",
+        deadline=_read_deadline(spec.completion.deadline),
+    )
+
+
+def _read_deadline(text: str | None) -> timedelta | None:
+    if text is None:
+        return None
+    try:
+        return min(timedelta(microseconds=parse_us(text)), LONGEST_DEADLINE)
+    except (ValueError, OverflowError):
+        return LONGEST_DEADLINE
+
+
+def read_job_state(job: Job) -> JobState:
+    """Returns what a Job has come to."""
+    generation, verdict = job.metadata.annotations.get(Annotation.APP_GENERATION, ""), job.status.verdict
+    return JobState(
+        created=job.metadata.creation_timestamp,
+        generation=int(generation) if generation.isdecimal() else 0,
+        verdict=verdict.type if verdict else "",
+        ended=verdict.last_transition_time if verdict else "",
+    )
+
+
+def find_ending(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: datetime) -> Ending | None:
+    """Returns why the instance has ended, None while it has not. jobs: by component; one that is not created yet has none."""
+    counting = {name: jobs[name] for name in sorted(rules.jobs & jobs.keys())}
+    complete = {name: job.ended for name, job in counting.items() if job.verdict == COMPLETE}
+    failed = {name: job.ended for name, job in counting.items() if job.verdict not in ("", COMPLETE)}
+    if complete and (rules.any_suffices or complete.keys() == rules.jobs):
+        chosen = (min if rules.any_suffices else max)(complete, key=lambda name: complete[name])
+        return Ending(Reason.COMPLETED, chosen, complete[chosen])
+    if failed and (not rules.any_suffices or failed.keys() == rules.jobs):
+        first = min(failed, key=lambda name: failed[name])
+        return Ending(Reason.JOB_FAILED, first, failed[first])
+    end = deadline_of(rules, jobs)
+    if end is None or now < end:
+        return None
+    return Ending(Reason.DEADLINE_EXCEEDED, time=end.isoformat(timespec="seconds").replace("+00:00", "Z"))
+
+
+def deadline_of(rules: CompletionRules, jobs: Mapping[str, JobState]) -> datetime | None:
+    """Returns when the instance's time is over; None without a deadline or a job. An edit of the app begins it anew with the jobs that it runs."""
+    if rules.deadline is None or not jobs:
+        return None
+    latest = max(job.generation for job in jobs.values())
+    begun = [_parse_time(job.created) for job in jobs.values() if job.generation == latest]
+    return min(begun) + rules.deadline
+
+
+def _parse_time(text: str) -> datetime:
+    return datetime.fromisoformat(text or "1970-01-01T00:00:00Z")

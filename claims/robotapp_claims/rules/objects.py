@@ -12,6 +12,9 @@ from robotapp_api.model.names import GROUP, OUR_SCHEDULERS, Annotation, ClaimPha
 from robotapp_api.values.replicas import ORDINAL, number_replicas
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
+COMPLETE: Final = "Complete"
+FAILED: Final = "Failed"
+"""Conditions of a Job that has ended."""
 EXCLUSIVE: Final = "Exclusive"
 """Value of a device's `sharing` that keeps all other pods out."""
 
@@ -256,6 +259,36 @@ class ReplicaSet(Object, frozen=True, kw_only=True):
     status: ReplicaSetStatus = ReplicaSetStatus()
 
 
+class JobMeta(Meta, frozen=True, kw_only=True):
+    creation_timestamp: str = ""
+
+
+class JobCondition(Object, frozen=True, kw_only=True):
+    type: str = ""
+    status: str = ""
+    reason: str = ""
+    message: str = ""
+    last_transition_time: str = ""
+
+
+class JobStatus(Object, frozen=True, kw_only=True):
+    conditions: tuple[JobCondition, ...] = ()
+
+    @property
+    def verdict(self) -> JobCondition | None:
+        """The condition Complete or Failed of a job none of whose pods will run any more."""
+        final = (one for one in self.conditions if one.type in {COMPLETE, FAILED} and one.status == "True")
+        return next(final, None)
+
+
+class Job(Object, frozen=True, kw_only=True):
+    """A Job of a component that ends; its template counts as long as the job has no verdict."""
+
+    metadata: JobMeta
+    spec: DeploymentSpec = DeploymentSpec()
+    status: JobStatus = JobStatus()
+
+
 # Apps, as far as the sweep reads whether they still want something
 
 
@@ -295,6 +328,7 @@ class Component(Object, frozen=True, kw_only=True):
     replicas: int = 1
     replica_identity: str = ""
     ros: str = ""
+    job: dict[str, Any] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -309,12 +343,24 @@ class Ros(Object, frozen=True, kw_only=True):
     distro: str = ""
 
 
+class Success(Object, frozen=True, kw_only=True):
+    operator: str = "All"
+    components: tuple[str, ...] = ()
+
+
+class Completion(Object, frozen=True, kw_only=True):
+    success: Success = Success()
+    deadline: str | None = None
+
+
 class AppSpec(Object, frozen=True, kw_only=True):
     suspend: bool = False
     components: tuple[Component, ...] = ()
     ros2: Ros2 | None = None
     robots: Robots | None = None
+    matrix: dict[str, Any] | None = None
     ros: Ros | None = None
+    completion: Completion | None = None
 
     def find_component(self, name: str) -> Component | None:
         """Returns the component that runs under this name."""

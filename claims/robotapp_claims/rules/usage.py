@@ -1,8 +1,8 @@
 """Rule 3: which objects still use a domain id.
 
-A Deployment, a ReplicaSet that has or wants pods, and a pod that has not ended, pending ones included, use the ids that
-their ROS_DOMAIN_ID names, for the app uid and instance of their labels in their own namespace, and for the claim their
-annotation names (apps that share a domain). Any user may write labels, so a Deployment or ReplicaSet counts only
+A Deployment, a Job that has not ended, a ReplicaSet that has or wants pods, and a pod that has not ended, pending ones included,
+use the ids that their ROS_DOMAIN_ID names, for the app uid and instance of their labels in their own namespace, and for the claim their
+annotation names (apps that share a domain). Any user may write labels, so a Deployment, Job or ReplicaSet counts only
 if its owners prove it (`Owners`); a live pod of the holder's namespace counts without that, because it transmits
 regardless of its owner. The literal decides and the annotation only adds: users can edit an annotation of a running pod, but not
 its environment.
@@ -17,6 +17,7 @@ from msgspec.structs import replace
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_claims.rules.identity import domain_literal
+from robotapp_claims.rules.instances import JobState, read_job_state
 from robotapp_claims.rules.objects import (
     ROS_DOMAIN_ID,
     Claim,
@@ -24,19 +25,20 @@ from robotapp_claims.rules.objects import (
     Deployment,
     EnvVar,
     Holder,
+    Job,
     Meta,
     Pod,
     PodSpec,
     ReplicaSet,
 )
 
-Owner = TypeVar("Owner", Deployment, ReplicaSet)
+Owner = TypeVar("Owner", Deployment, Job, ReplicaSet)
 InstanceKey = tuple[str, str, str]
 """(namespace, app uid, instance)."""
 _SHOWN: Final = 32
 """Characters of a user's text that go into a message."""
 HOPS: Final = 3
-"""Pod, ReplicaSet, Deployment: whatever is owned in more steps was not made for a RobotApp."""
+"""Pod, ReplicaSet, Deployment, or pod and Job: whatever is owned in more steps was not made for a RobotApp."""
 
 
 # Whose object this is: labels find candidates, owner references prove.
@@ -55,7 +57,7 @@ class AppRef(NamedTuple):
 
 
 class Owners:
-    """The Deployments and ReplicaSets of one listing, by uid."""
+    """The Deployments, Jobs and ReplicaSets of one listing, by uid."""
 
     def __init__(self, found: Iterable[Meta] = ()) -> None:
         self._known: dict[str, Meta] = {}
@@ -101,7 +103,7 @@ def _domain_variables(spec: PodSpec) -> Iterator[EnvVar]:
         yield from (variable for variable in container.env if variable.name == ROS_DOMAIN_ID)
 
 
-def deployment_ids(deployment: Deployment) -> frozenset[int]:
+def deployment_ids(deployment: Deployment | Job) -> frozenset[int]:
     return named_ids(deployment.spec.template.spec)
 
 
@@ -125,9 +127,11 @@ class Usage:
     live: dict[InstanceKey, set[int]] = field(default_factory=lambda: defaultdict(set))
     """Ids of pods that have not ended, by their labels."""
     owned: dict[InstanceKey, set[int]] = field(default_factory=lambda: defaultdict(set))
-    """Ids of Deployments and ReplicaSets whose owners lead to the app that their labels name."""
+    """Ids of Deployments, Jobs and ReplicaSets whose owners lead to the app that their labels name."""
     deployments: dict[InstanceKey, set[int]] = field(default_factory=lambda: defaultdict(set))
-    """Ids that such Deployments name: rule 4 prefers them."""
+    """Ids that such Deployments and Jobs name: rule 4 prefers them."""
+    jobs: dict[InstanceKey, dict[str, JobState]] = field(default_factory=lambda: defaultdict(dict))
+    """By component: Jobs whose owners lead to the app that their labels name, those that have ended as well."""
     named_by_pods: set[tuple[str, str]] = field(default_factory=set)
     """(namespace, claim) of live pods: apps of one namespace may share without asking."""
     checked: set[str] = field(default_factory=set)
@@ -151,6 +155,18 @@ class Usage:
         key = self._add(deployment.metadata, template.metadata, template.spec)
         if key is not None:
             self.deployments[key] |= deployment_ids(deployment)
+
+    def add_job(self, job: Job) -> None:
+        """Counts a Job. One that has ended starts no pod any more, so it uses no id."""
+        self.owners.add(job.metadata)
+        key = key_of(job.metadata)
+        if key is None or self.owners.app_of(job.metadata) is None:
+            return
+        self.jobs[key][job.metadata.labels.get(Label.COMPONENT, "")] = read_job_state(job)
+        if job.status.verdict is None:
+            template = job.spec.template
+            self._add(job.metadata, template.metadata, template.spec)
+            self.deployments[key] |= deployment_ids(job)
 
     def add_replica_set(self, replica_set: ReplicaSet) -> None:
         """After the Deployments: they are its owners."""
@@ -223,8 +239,9 @@ class Usage:
         return frozenset(self.deployments.get(holder_key(holder), ()))
 
     def named_by_instance(self, namespace: str, uid: str) -> dict[str, frozenset[int]]:
-        """Per instance of one app that has Deployments: the ids they name."""
-        return {key[2]: frozenset(ids) for key, ids in self.deployments.items() if key[:2] == (namespace, uid)}
+        """Per instance of one app that has Deployments or Jobs: the ids they name."""
+        ended = {key[2]: frozenset[int]() for key in self.jobs if key[:2] == (namespace, uid)}
+        return ended | {key[2]: frozenset(ids) for key, ids in self.deployments.items() if key[:2] == (namespace, uid)}
 
 
 def _named_claim(meta: Meta, ids: Collection[int]) -> str:
@@ -237,13 +254,17 @@ def _named_claim(meta: Meta, ids: Collection[int]) -> str:
 
 
 def owner_as_used(owner: Owner) -> Owner:
-    """A Deployment or ReplicaSet with all that `Usage` reads of it."""
+    """A Deployment, Job or ReplicaSet with all that `Usage` reads of it."""
     template = owner.spec.template
     meta = _with(template.metadata, annotations=(Annotation.DOMAIN_CLAIM,))
     kept = replace(template, metadata=meta, spec=_domains_only(template.spec))
     return replace(
         owner,
-        metadata=_with(owner.metadata, labels=(Label.APP_UID, Label.INSTANCE)),
+        metadata=_with(
+            owner.metadata,
+            labels=(Label.APP_UID, Label.INSTANCE, Label.COMPONENT),
+            annotations=(Annotation.APP_GENERATION,),
+        ),
         spec=replace(owner.spec, template=kept),
     )
 
@@ -274,13 +295,19 @@ def _domain_variable_only(container: Container) -> Container:
 
 
 def usage_of(
-    *, deployments: Iterable[Deployment] = (), replica_sets: Iterable[ReplicaSet] = (), pods: Iterable[Pod] = ()
+    *,
+    deployments: Iterable[Deployment] = (),
+    replica_sets: Iterable[ReplicaSet] = (),
+    jobs: Iterable[Job] = (),
+    pods: Iterable[Pod] = (),
 ) -> Usage:
     usage = Usage()
     for deployment in deployments:
         usage.add_deployment(deployment)
     for replica_set in replica_sets:
         usage.add_replica_set(replica_set)
+    for job in jobs:
+        usage.add_job(job)
     for pod in pods:
         usage.add_pod(pod)
     return usage

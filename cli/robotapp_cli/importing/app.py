@@ -13,6 +13,7 @@ from robotapp_cli.importing.files.project import ImportRequest, Loader, ReadFile
 from robotapp_cli.importing.report import ComposeError, Report
 from robotapp_cli.importing.services.component import draft_component, report_silent
 from robotapp_cli.importing.services.draft import Context, Draft, Json, make_label, make_unique
+from robotapp_cli.importing.services.extension import extend_component, extend_spec
 from robotapp_cli.importing.services.storage import report_grants, report_volumes
 from robotapp_cli.lint.findings import shown
 from robotapp_cli.lint.marks import DISTRO_MARK
@@ -51,7 +52,8 @@ def import_compose(request: ImportRequest, read_file: ReadFile) -> ImportResult:
     drafts = [draft_component(context, name, project.services[name]) for name in context.components]
     spec = _decide_ros(context, drafts)
     _drop_host_names(context, drafts, spec)
-    spec["components"] = [draft.assemble() for draft in drafts]
+    spec["components"] = [extend_component(draft) for draft in drafts]
+    spec = extend_spec(context, spec)
     for draft in drafts:
         report_silent(draft)
     report_volumes(context)

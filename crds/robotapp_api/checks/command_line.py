@@ -4,7 +4,7 @@
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
 from robotapp_api.checks.problem import Note, Problem, invalid
@@ -15,7 +15,7 @@ from robotapp_api.values.component_references import ExpandedText, expanded_prob
 from robotapp_api.values.references import has_reference, reference_values, unknown_reference
 from robotapp_api.values.replicas import ORDINAL
 
-_ROBOT_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\((?:ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\))")
+_ROBOT_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\)")
 _BASE_IMAGE: Final = re.compile(r"(?:(?:[a-z0-9.-]+(?::[0-9]+)?/)?(?:library/|osrf/|arm64v8/)?)ros(?::[^/]*)?(?:@.*)?")
 """Images of ROS itself, whose program is bash."""
 _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
@@ -142,14 +142,15 @@ def program_problems(component: Component, at: str, *, ros_version: int) -> Iter
         )
 
 
-def robot_reference_problems(component: Component, at: str) -> Iterator[Problem]:
-    """Names of robots in `run` and `launch` of a component whose app has no robots."""
+def robot_reference_problems(component: Component, at: str, *, names: Collection[str]) -> Iterator[Problem]:
+    """Names of robots in `run` and `launch` of a component whose app has no robots. names: of the variables that have none."""
     for field in ("run", "launch"):
         part = getattr(component, field)
-        if part is not None and (reference := _ROBOT_REFERENCE.search(part.model_dump_json())):
+        references = _ROBOT_REFERENCE.findall(part.model_dump_json()) if part is not None else ()
+        if name := next((name for name in references if name in names), ""):
             yield invalid(
                 f"{at}.{field}",
-                f"{reference[1]} is the name of a robot, but the app has none; write spec.robots, or the name itself",
+                f"$({name}) is the name of a robot, but the app has none; write spec.robots, or the name itself",
             )
 
 

@@ -52,7 +52,7 @@ def replica_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         at = f"spec.components[{index}]"
         if has_ordinals(component):
             yield from _name_problems(spec, component, at)
-        elif field := next((field for field, text in _list_texts(component, at) if _REFERENCE.search(text)), ""):
+        elif field := next((field for field, text in list_program_texts(component, at) if _REFERENCE.search(text)), ""):
             yield invalid(
                 field,
                 f"$({ORDINAL_VARIABLE}) of {component.name} would stay as it stands, because its replicas have no ordinals; write "
@@ -121,7 +121,7 @@ def _size_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         )
 
 
-def _list_texts(component: Component, at: str) -> Iterator[tuple[str, str]]:
+def list_program_texts(component: Component, at: str) -> Iterator[tuple[str, str]]:
     """Yields the texts in which somebody expands references, the kubelet or the operator, and where each stands."""
     for field in ("run", "launch"):
         if (part := getattr(component, field)) is not None:

@@ -14,6 +14,7 @@ from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.recordings.problems import recording_notes, recording_problems
 from robotapp_api.checks.replicas import replica_problems
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
+from robotapp_api.checks.sweeps.problems import sweep_problems
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.override import ComponentOverride
 from robotapp_api.model.app.robotapp import RobotAppSpec
@@ -47,6 +48,7 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from _values_of_no_label(spec)
     yield from edge_problems(spec.edges)
     yield from recording_problems(spec)
+    yield from sweep_problems(spec)
 
 
 def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[Note]:
@@ -185,12 +187,13 @@ def _references_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
     """Names of robots in texts that the operator expands, in an app that has none."""
     if spec.robots is not None:
         return
+    names = (ROBOT_VARIABLE,) if spec.matrix else (ROBOT_VARIABLE, INSTANCE_VARIABLE)
     texts = [*list_helper_texts(spec)]
     for index, component in enumerate(spec.components):
         texts += list_expanded_texts(component, f"spec.components[{index}]")
-        yield from robot_reference_problems(component, f"spec.components[{index}]")
+        yield from robot_reference_problems(component, f"spec.components[{index}]", names=names)
     for text in texts:
-        names_robot = f"$({ROBOT_VARIABLE})" in text.text or f"$({INSTANCE_VARIABLE})" in text.text
+        names_robot = any(f"$({name})" in text.text for name in names)
         if names_robot and not unknown_reference(text.text):
             yield invalid(
                 text.path,

@@ -33,9 +33,13 @@ class InstanceSpec(Model):
     app_uid: Annotated[str, StringConstraints(min_length=1, max_length=36), Field(alias="appUID")]
     """Uid of that RobotApp; another app of the same name has other instances."""
     instance: ShortText = ""
-    """Name of the instance within the app; empty for an app without robots."""
+    """Name of the instance within the app: that of its robot or of its combination of values; empty for an app with neither."""
     robot: ShortText = ""
     """Robot of the instance; empty for an app without robots."""
+    matrix: Annotated[dict[str, Annotated[str, StringConstraints(max_length=128)]], Field(max_length=8)] = Field(
+        default_factory=dict
+    )
+    """Values of the instance by the names of the parameters of the app's matrix; empty without a matrix."""
 
 
 class ComponentStatus(Observed):
@@ -47,6 +51,8 @@ class ComponentStatus(Observed):
     """Node its pod is bound to; empty while it waits."""
     ready: bool = False
     """All its replicas are ready."""
+    completed: bool = False
+    """Its job has completed."""
     restarts: Count = 0
     """Container restarts of its pods."""
     message: BriefMessage = ""
@@ -155,6 +161,8 @@ class InstanceStatus(Observed):
     """Edges that had no room in the list above."""
     claims: Annotated[tuple[Text, ...], Field(max_length=64)] = ()
     """RobotClaims the instance holds."""
+    completion_time: Timestamp | None = None
+    """When its jobs had completed or failed."""
     moves: Annotated[tuple[Move, ...], ListMap("component"), Field(max_length=64)] = ()
     """Components that were moved to another node (placement.reschedule, devices[].onLoss): a copy of what their Deployments say."""
 

@@ -49,6 +49,10 @@ GPU: Final = "gpu"
 """A device type our scheduler never claims: its device plugin hands it out as an extended resource, the node only has to have one."""
 
 
+QUEUE_NAME: Final = "kueue.x-k8s.io/queue-name"
+"""Label of a RobotApp that its Jobs get: kueue decides by it when they begin, and suspends them until then."""
+
+
 class Label(StrEnum):
     """Labels on children, claims and nodes."""
 
@@ -109,6 +113,8 @@ class Annotation(StrEnum):
     APP_GENERATION = "robotics.io/app-generation"
     SPEC_HASH = "robotics.io/spec-hash"
     """On children: hash of what the user wrote for them, so that another operator version can tell an edit from its own news."""
+    RUN_HASH = "robotics.io/run-hash"
+    """On Jobs: hash of what the user wrote about the component's run; another one runs the job again."""
     CONTENT_HASH = "robotics.io/content-hash"
     """On children: hash of the labels and spec they were written with."""
     PARAMETERS_HASH = "robotics.io/parameters-hash"
@@ -223,6 +229,12 @@ class Reason(StrEnum):
     NOT_STALLED = "NotStalled"
     RECONCILE_ERROR = "ReconcileError"
     RESTART_NEEDED = "RestartNeeded"
+    # Components that end
+    COMPLETED = "Completed"
+    JOB_FAILED = "JobFailed"
+    DEADLINE_EXCEEDED = "DeadlineExceeded"
+    PROGRAM_ENDED = "ProgramEnded"
+    """A program without `job` has ended with exit code 0."""
 
 
 class PoolCondition(StrEnum):
@@ -260,6 +272,7 @@ class Phase(StrEnum):
     OFFLINE = "Offline"
     SUSPENDED = "Suspended"
     STOPPING = "Stopping"
+    COMPLETED = "Completed"
     FAILED = "Failed"
 
 
@@ -304,6 +317,9 @@ class EventReason(StrEnum):
     CONFIG_CHANGED = "ConfigChanged"
     NEWER_VERSION = "NewerVersion"
     REPLICAS_SET_BACK = "ReplicasSetBack"
+    COMPLETED = "Completed"
+    JOB_FAILED = "JobFailed"
+    DEADLINE_EXCEEDED = "DeadlineExceeded"
     SCHEDULED = "Scheduled"
     FAILED_SCHEDULING = "FailedScheduling"
     CONFIG_RELOADED = "ConfigReloaded"

@@ -20,9 +20,15 @@ Values = Mapping[str, str]
 """By the name of a variable, what stands in place of a reference to it."""
 
 
-def reference_values(robot: str, ordinal: int | None = None) -> Values:
-    """Returns what is expanded in a pod: names of robot and instance, the same so far, and the ordinal of a replica that has one."""
-    values = {ROBOT_VARIABLE: robot, INSTANCE_VARIABLE: robot} if robot else {}
+def reference_values(instance: str, ordinal: int | None = None, *, matrix: Values | None = None) -> Values:
+    """Returns what is expanded in a pod: the names of instance and robot, which are the same, or those of the instance of a sweep and the
+    variables of its values, and the ordinal of a replica that has one.
+    """
+    values: dict[str, str] = {}
+    if matrix is not None:
+        values = {INSTANCE_VARIABLE: instance, **matrix}
+    elif instance:
+        values = {ROBOT_VARIABLE: instance, INSTANCE_VARIABLE: instance}
     return values if ordinal is None else {**values, ORDINAL_VARIABLE: str(ordinal)}
 
 

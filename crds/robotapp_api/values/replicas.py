@@ -99,6 +99,9 @@ def expand_replicas(spec: Json) -> Json:
         changes["edges"] = [copy for edge in spec["edges"] for copy in _expand_edge(edge, replicas)]
     if spec.get("overrides"):
         changes["overrides"] = [_expand_override(override, replicas) for override in spec["overrides"]]
+    if (completion := spec.get("completion")) and (success := completion.get("success") or {}).get("components"):
+        names = _expand_names(success["components"], replicas)
+        changes["completion"] = {**completion, "success": {**success, "components": names}}
     return {**spec, **changes}
 
 

@@ -25,7 +25,7 @@ from campaigns.parity.probe import OURS, Pods, Prober, names_claims
 from campaigns.parity.profiles import profiles, suffix
 from campaigns.parity.report import Report
 from campaigns.parity.stage import ADMISSION, Stage
-from campaigns.parity.verdict import Verdict, judged
+from campaigns.parity.verdict import Verdict, judged, list_failures
 from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import NODETELEMETRIES
 from robotapp_client.transport.errors import BadRequest, Forbidden, Invalid, NotFound
@@ -174,9 +174,28 @@ class _Arena:
                     raise
                 await asyncio.sleep(settle_s)
                 continue
-            if not (unequal := judged(each.case, theirs, ours)):
+            unequal = judged(each.case, theirs, ours)
+            failures = list_failures(theirs, ours) if unequal else []
+            if failures:
+                unequal = await self._compare_failures(each, settle_s, failures)
+            if not unequal:
                 break
         return theirs, unequal
+
+    async def _compare_failures(
+        self, numbered: Numbered, settle_s: float, failures: Sequence[tuple[str, str]]
+    ) -> list[str]:
+        """Every way in which the two differ on the nodes of devices for which an expression failed, each node alone.
+
+        An expression may fail on devices of several nodes, and each scheduler names the one that it met first.
+        """
+        unequal: list[str] = []
+        for node, message in failures:
+            case = keep_node(numbered.case, node)
+            verdicts = await self._both(replace(numbered, case=case), settle_s)
+            unequal += judged(case, *verdicts)
+            unequal += [f"on {node} alone: {verdict.message!r}" for verdict in verdicts if verdict.message != message]
+        return unequal
 
     async def _both(self, each: Numbered, settle_s: float) -> tuple[Verdict, Verdict]:
         case = each.case
@@ -214,6 +233,17 @@ class _Arena:
         except StopIteration as stop:
             smallest: Sequence[Json] = stop.value
             return smallest
+
+
+def keep_node(case: Case, name: str) -> Case:
+    """The case with one of its nodes, and the pods there."""
+    objects = tuple(
+        each
+        for each in case.objects
+        if (each["kind"] != "Node" or each["metadata"]["name"] == name)
+        and (each["kind"] != "Pod" or each["spec"].get("nodeName", name) == name)
+    )
+    return replace(case, objects=objects)
 
 
 def _has_its_claims(case: Case) -> bool:

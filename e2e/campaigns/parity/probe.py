@@ -97,10 +97,11 @@ class Prober:
                 await self._promise(namespace, name, promised)
             node, message = await self._decided(case, versions, scheduler=scheduler, promised=promised)
             victims = await self._victims(case, message)
-            # A pod that was refused may have been tried again since: then the scores are of another attempt.
-            scores, best = await self._scores(scheduler, f"{namespace}/{name}") if not message else ({}, frozenset())
             claims = await self._claims(case, versions, message) if names_claims(case) else {}
             next_node = versions[-1]["spec"].get("nodeName", "") if DEALLOCATED in message else ""
+            # A pod that was refused may be tried again at any time, so scores are read only of those that are placed.
+            is_placed = not message or bool(next_node)
+            scores, best = await self._scores(scheduler, f"{namespace}/{name}") if is_placed else ({}, frozenset())
         finally:
             with suppress(NotFound):
                 await delete_now(self._client, PODS.path(namespace, name))

@@ -1,13 +1,15 @@
 """What one scheduler decided about a case, and every way in which two such verdicts differ."""
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from campaigns.cluster_cases import Case
 from campaigns.reference_scheduler import decide
 
 FOUND = "preemption: found a potential placement"
+FAILED_DEVICE = re.compile(r" on device [^/ ]+/([^/ ]+)/[^/ ]+: CEL runtime error")
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +26,7 @@ class Verdict:
     claims: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Finalizers and status of the pod's ResourceClaims after the decision, by name."""
     next_node: str = ""
-    """Where the pod went when its refusal had freed one of its claims; not compared, for any of the best nodes will do."""
+    """Where the pod went when its refusal had freed one of its claims; `scores` and `best` are of that attempt then."""
 
     @property
     def preempts(self) -> bool:
@@ -32,7 +34,12 @@ class Verdict:
 
     @property
     def feasible(self) -> frozenset[str]:
-        return frozenset(self.scores) or (frozenset({self.node}) if self.node and not self.message else frozenset())
+        return frozenset(self.scores) or (frozenset({self.place}) if self.place else frozenset())
+
+    @property
+    def place(self) -> str:
+        """The node that the pod was bound to, in the end."""
+        return self.next_node if self.message else self.node
 
 
 def differences(theirs: Verdict, ours: Verdict) -> list[str]:
@@ -45,8 +52,7 @@ def differences(theirs: Verdict, ours: Verdict) -> list[str]:
     if theirs.preempts and theirs.node != ours.node:
         found.append(f"nominated: theirs {theirs.node}, ours {ours.node}")
     # On another of the best nodes there are other devices.
-    is_same_place = (theirs.node, theirs.next_node) == (ours.node, ours.next_node)
-    if is_same_place and theirs.claims != ours.claims:
+    if theirs.place == ours.place and theirs.claims != ours.claims:
         found.append(f"claims: theirs {theirs.claims}, ours {ours.claims}")
     if theirs.feasible != ours.feasible:
         found.append(f"feasible: theirs {sorted(theirs.feasible)}, ours {sorted(ours.feasible)}")
@@ -63,25 +69,22 @@ def _scores(theirs: Verdict, ours: Verdict) -> list[str]:
         pairs = [(name, theirs.scores[node].get(name, 0), ours.scores[node].get(name, 0)) for name in names]
         if unequal := [f"{name} {left}/{right}" for name, left, right in pairs if left != right]:
             found.append(f"scores of {node} (theirs/ours): {', '.join(unequal)}")
-    if ours.node not in theirs.best:
-        found.append(f"choice: ours {ours.node}, their best {sorted(theirs.best)}")
+    if ours.place not in theirs.best:
+        found.append(f"choice: ours {ours.place}, their best {sorted(theirs.best)}")
     return found
 
 
-def _without_device(verdict: Verdict) -> Verdict:
-    """Returns the verdict with the text of a failed expression up to the device it failed for."""
-    head, found, _ = verdict.message.partition(" on device ")
-    return replace(verdict, message=head) if found and "CEL runtime error" in verdict.message else verdict
+def list_failures(*verdicts: Verdict) -> list[tuple[str, str]]:
+    """The pool of the device for which each verdict says that an expression failed, with the text; none unless all do."""
+    matches = [FAILED_DEVICE.search(verdict.message) for verdict in verdicts]
+    return [(match[1], match.string) for match in matches if match] if all(matches) else []
 
 
 def judged(case: Case, theirs: Verdict, ours: Verdict) -> list[str]:
     """`differences`, but for two places of one price: kube-scheduler takes any of them, so each must be among the best.
 
-    Which nodes those are, and who has to go there, is what the scalar reference says. On several nodes a CEL expression may
-    fail for several devices, and each scheduler names the one that it met first.
+    Which nodes those are, and who has to go there, is what the scalar reference says.
     """
-    if sum(each["kind"] == "Node" for each in case.objects) > 1:
-        theirs, ours = _without_device(theirs), _without_device(ours)
     unequal = differences(theirs, ours)
     if not unequal or not (theirs.preempts and ours.preempts) or theirs.node == ours.node:
         return unequal

@@ -24,6 +24,7 @@ _ROS_1: Final = (
 _HOME: Final = "opt/robotapp"
 _JAZZY: Final = "opt/ros/jazzy"
 _JAZZY_PROGRAMS: Final = ("fastdds", "fast-discovery-server", "fast-discovery-server-1.0.1")
+_FOR_COMPILERS: Final = ("usr/include", "usr/lib/gcc")
 _JAZZY_LEFT_OUT: Final = ("include", "lib64")
 _SETUP: Final = """\
 export AMENT_PREFIX_PATH={home}
@@ -145,6 +146,16 @@ class Ros1(RosNodes):
     """Debian's own ROS 1: roscore, rospy and message packages."""
 
     packages: Sequence[str] = (*_SHELL, *_ROS_1)
+
+    def inputs(self) -> bytes:
+        return super().inputs() + repr(_FOR_COMPILERS).encode()
+
+    def _debian_layer(self, base: Path, layer: Path) -> Path:
+        """Leaves out what compilers alone read: Debian's ROS depends on Boost's headers, 15,000 files that each node would unpack."""
+        layer = super()._debian_layer(base, layer)
+        for folder in _FOR_COMPILERS:
+            shutil.rmtree(layer / folder, ignore_errors=True)
+        return layer
 
 
 class Zenoh(RosNodes):

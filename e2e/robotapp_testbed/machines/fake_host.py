@@ -297,12 +297,12 @@ def send_back(fd: int, unplugged: threading.Event) -> None:
                 os.write(fd, os.read(fd, 4096))
 
 
-def send_temperatures(fd: int, unplugged: threading.Event) -> None:
-    """Sends ten lines a second as a thermometer that frames them like NMEA 0183: `$T,21.43*52`."""
+def send_temperatures(fd: int, unplugged: threading.Event, *, noise: bytes = b"") -> None:
+    """Sends ten lines a second as a thermometer that frames them like NMEA 0183: `$T,21.43*52`, each behind the noise."""
     number = 0
     while not unplugged.wait(_READING_PERIOD_S):
         number += 1
         text = f"T,{20 + 5 * math.sin(number / 50):.2f}"
         checksum = functools.reduce(operator.xor, text.encode(), 0)
         with suppress(BlockingIOError):  # nobody reads, and the kernel's buffer is full
-            os.write(fd, f"${text}*{checksum:02X}\n".encode())
+            os.write(fd, noise + f"${text}*{checksum:02X}\n".encode())

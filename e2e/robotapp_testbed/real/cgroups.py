@@ -3,11 +3,14 @@
 from contextlib import suppress
 from pathlib import Path
 
+from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.real.scripts import sweep
 
 _COPIED = ("cpuset.cpus", "cpuset.mems")
 _CONTROLLERS = ("cpu", "cpuset", "hugetlb", "io", "memory", "pids")
 """A kubelet refuses a root that lacks one it knows (all of these but io) when the machine has it."""
+_PERIOD_US = 100_000
+"""The period of the quota that Kubernetes writes for `limits.cpu`."""
 
 
 def create(name: str, *, root: Path = sweep.CGROUPS) -> None:
@@ -19,6 +22,20 @@ def create(name: str, *, root: Path = sweep.CGROUPS) -> None:
             folder = folder / part
             folder.mkdir(exist_ok=True)
             _inherit(folder)
+
+
+def limit_cpu(name: str, cores: float, *, root: Path = sweep.CGROUPS) -> None:
+    """Caps the CPU that everything in the folder `name` uses together, as `limits.cpu` does for a container."""
+    quota_us = round(cores * _PERIOD_US)
+    for folder in (hierarchy / name for hierarchy in sweep.hierarchies(root)):
+        if (folder / "cpu.cfs_quota_us").exists():
+            (folder / "cpu.cfs_period_us").write_text(str(_PERIOD_US))
+            (folder / "cpu.cfs_quota_us").write_text(str(quota_us))
+            return
+        if (folder / "cpu.max").exists():
+            (folder / "cpu.max").write_text(f"{quota_us} {_PERIOD_US}")
+            return
+    raise TestbedError(f"no hierarchy below {root} has a control group {name} whose CPU can be limited")
 
 
 def _inherit(folder: Path) -> None:

@@ -118,6 +118,14 @@ class RealNode:
     def kubelet(self) -> Inside:
         return self._program("kubelet")
 
+    def limit_pods_cpu(self, cores: float) -> None:
+        """Caps the CPU that all pods of the node use together; kubelet and containerd are not counted."""
+        cgroups.limit_cpu(f"{self._cgroup}/{kubelet.PODS_CGROUP}", cores)
+
+    def empty_dir(self, pod_uid: str, volume: str) -> Path:
+        """Returns the folder of a pod's emptyDir on disk, so that it is read and written without a process in the pod."""
+        return self._folder / "kubelet" / "pods" / pod_uid / "volumes" / "kubernetes.io~empty-dir" / volume
+
     def programs(self) -> dict[str, Inside]:
         return {program.name: program for program in self._programs.values()}
 

@@ -41,6 +41,10 @@
 - apiGroups: [apps]
   resources: [deployments]
   verbs: [get, list, watch, create, patch, delete]
+# Components that end.
+- apiGroups: [batch]
+  resources: [jobs]
+  verbs: [get, list, watch, create, patch, delete]
 - apiGroups: [""]
   resources: [services]
   verbs: [get, list, watch, create, patch, delete]
@@ -136,6 +140,9 @@
 # The sweep asks whether a domain is still named by a workload.
 - apiGroups: [apps]
   resources: [deployments, replicasets, statefulsets]
+  verbs: [get, list, watch]
+- apiGroups: [batch]
+  resources: [jobs]
   verbs: [get, list, watch]
 - apiGroups: [robotics.io]
   resources: [robotapps, domainpools, nodetelemetries]

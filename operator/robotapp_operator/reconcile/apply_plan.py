@@ -27,19 +27,19 @@ from robotapp_client import (
 )
 from robotapp_client.api.bodies import JSON_PATCH, encode
 from robotapp_client.api.client import JsonPatch, with_query
-from robotapp_client.api.resources import DEPLOYMENTS, PODS, SERVICES, Resource
+from robotapp_client.api.resources import DEPLOYMENTS, JOBS, PODS, SERVICES, Resource
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.diff.scaled import note_scaled
 from robotapp_operator.plan.diff.unowned import unowned_pointers
-from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
+from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, SERVICE
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Meta, Pod, version_number
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job, Meta, Pod, version_number
 from robotapp_operator.plan.status.components import over_quota
 from robotapp_operator.queue.work import StartOver
 
 log = logging.getLogger(__name__)
 
-RESOURCES: Final[Mapping[str, Resource]] = {DEPLOYMENT: DEPLOYMENTS, SERVICE: SERVICES}
+RESOURCES: Final[Mapping[str, Resource]] = {DEPLOYMENT: DEPLOYMENTS, JOB: JOBS, SERVICE: SERVICES}
 SEVERAL_BUDGETS: Final = 500
 """Status of the answer to an eviction of a pod that more than one PodDisruptionBudget covers: it will not pass by itself."""
 
@@ -84,15 +84,16 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
     return done
 
 
-async def stop(client: ApiClient, item: Deployment) -> None:
-    """Scale the Deployment to 0 and change nothing else. Raises StartOver when it has changed."""
+async def stop(client: ApiClient, item: Deployment | Job) -> None:
+    """Scales the Deployment to 0, or suspends the Job, and changes nothing else. Raises StartOver when it has changed."""
     meta = item.metadata
+    stopped = ("/spec/suspend", True) if isinstance(item, Job) else ("/spec/replicas", 0)
     patch: JsonPatch = [
         {"op": "test", "path": "/metadata/resourceVersion", "value": meta.resource_version},
-        {"op": "replace", "path": "/spec/replicas", "value": 0},
+        {"op": "add", "path": stopped[0], "value": stopped[1]},
     ]
     try:
-        await _patch_tested(client, DEPLOYMENTS, meta.name, patch, namespace=meta.namespace)
+        await _patch_tested(client, RESOURCES[ref_of(item).kind], meta.name, patch, namespace=meta.namespace)
     except (Conflict, NotFound) as race:
         raise StartOver(str(race)) from race
 
@@ -240,12 +241,16 @@ async def _patch_tested(
 
 
 async def _delete(client: ApiClient, item: Observed) -> None:
-    """Delete by uid: an object of this name with another uid is not the one that was planned for."""
+    """Delete by uid: an object of this name with another uid is not the one that was planned for.
+
+    A Job goes after its last pod, so that its successor's pod never runs beside it.
+    """
     meta = item.metadata
     ref = ref_of(item)
+    propagation = "Foreground" if ref.kind == JOB else "Background"
     try:
         await client.delete(
-            RESOURCES[ref.kind], ref.name, namespace=meta.namespace, uid=meta.uid, propagation="Background"
+            RESOURCES[ref.kind], ref.name, namespace=meta.namespace, uid=meta.uid, propagation=propagation
         )
     except (NotFound, Conflict):
         log.debug("%s %s is gone already", ref.kind, ref.name)

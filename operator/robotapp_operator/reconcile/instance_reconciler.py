@@ -5,7 +5,6 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 """
 
 import logging
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -14,14 +13,12 @@ import msgspec
 from robotapp_api.model.names import EventReason, Label, Reason
 from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
 from robotapp_claims.protocol.domains import ensure_domain
-from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, over_quota
-from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.domain import DomainOutcome, Fence, check_request, over_quota
 from robotapp_claims.rules.instances import Instance, robot_of
 from robotapp_claims.rules.objects import App as ClaimsApp
-from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_claims.rules.objects import ResourceClaim
 from robotapp_client import ApiClient, NotFound
-from robotapp_client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
+from robotapp_client.api.resources import DEPLOYMENTS, JOBS, NODES, ROBOTAPPS, SERVICES
 from robotapp_client.api.times import Now, utc_now
 from robotapp_client.transport.errors import means_gone
 from robotapp_operator.plan.diff.config_rollout import plan_config
@@ -35,6 +32,7 @@ from robotapp_operator.plan.diff.diff import (
     still_running,
     wanted_children,
 )
+from robotapp_operator.plan.diff.jobs import Progress, judge_progress, names_domain, protocol_view
 from robotapp_operator.plan.diff.master_restarts import (
     describe_restart,
     is_restart,
@@ -42,13 +40,13 @@ from robotapp_operator.plan.diff.master_restarts import (
     read_master_starts,
     ros_deployments,
 )
-from robotapp_operator.plan.render.child import DEPLOYMENT, Child
+from robotapp_operator.plan.render.child import SERVICE, Child
 from robotapp_operator.plan.render.devices.ledger import claiming_components
 from robotapp_operator.plan.render.devices.resource_claim import DeviceClaim, wanted_claims
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.spec.desired import App, Desired, Domain, desired_of
 from robotapp_operator.plan.spec.instances import allowed_robots
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service, version_number
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job, Node, Service, version_number
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import StartOver
@@ -61,6 +59,7 @@ from robotapp_operator.reconcile.devices.resource_claims import (
     release_unused,
     write_claims,
 )
+from robotapp_operator.reconcile.domain_pools import count_shared_uses, domain_request
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
@@ -68,6 +67,7 @@ from robotapp_operator.watch.lister import (
     app_of_instance,
     cached_domain,
     cluster_config_of,
+    describe_turn,
     instances_by_name,
     names_config,
     needs_domain,
@@ -170,16 +170,19 @@ class Children:
         if instance is None or not names_config(app, self._cache):
             self._params.forget_instance(app.uid, robot)
             return
-        own = app_of_instance(app, instance, self._cache)
-        await self._params.read(own, robot)
+        await self._params.read(app_of_instance(app, instance, self._cache), robot)
 
     def due_s(self, uid: str, robot: str) -> float:
-        """Seconds after which a restart for a change of a ConfigMap may be made, 0 when none waits."""
-        dates = self._memory.of(uid).config_due
-        due_s = (dates[robot] - self._now()).total_seconds() if robot in dates else 0.0
-        if due_s <= 0:  # the look that has just been made saw it, unless the app may not run
-            dates.pop(robot, None)
-        return max(0.0, due_s)
+        """Seconds after which a restart for a change of a ConfigMap may be made, or the time of its jobs is over; 0 when none waits."""
+        memory, now = self._memory.of(uid), self._now()
+        waits_s = []
+        for dates in (memory.config_due, memory.deadlines):
+            due_s = (dates[robot] - now).total_seconds() if robot in dates else 0.0
+            if due_s > 0:
+                waits_s.append(due_s)
+            else:  # the look that has just been made saw it, unless the app may not run
+                dates.pop(robot, None)
+        return min(waits_s, default=0.0)
 
     def _settled(self, uid: str, robot: str) -> bool:
         """Do the caches already show what we would write?"""
@@ -195,15 +198,16 @@ class Children:
         if problems_now(app, self._cache):
             return not self._must_stop(record, robot, observed)
         app = app_of_instance(app, instance, self._cache)
-        if _must_not_start(instance, observed):
+        if self._must_not_start(app, instance, observed):
             return True
         memory = self._memory.of(uid)
         if not needs_domain(app):
             memory.outcomes.pop(robot, None)  # of a time when it needed one
+        progress = self._judge(app, robot, observed)
         domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
-        if needs_domain(app) and domain is None:
+        if needs_domain(app) and domain is None and progress.ending is None:
             return False
-        wanted = self._wanted(app, robot, domain, observed)
+        wanted = self._wanted(app, robot, domain, observed, progress)
         result = self._plan(app, wanted, observed)
         memory.held[robot] = result.held
         settled = not result and not result.foreign and not self._claims_missing(app, robot, wanted, observed)
@@ -225,7 +229,7 @@ class Children:
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is None or self._cache.children(uid, robot) or self._cache.domains_held(uid, robot):
             return False
-        request = domain_request(app, instance, scope_value=self._scope_value(app, instance))
+        request = domain_request(app, instance, self._cache)
         if request.share_with or request.isolation != "Domain" or check_request(request, pool) is not None:
             return False
         refusal = over_quota(request, pool, held=self._count_ids(app))
@@ -265,26 +269,25 @@ class Children:
             return await self._stop_if_suspended(record, robot)
         app = app if instance is None else app_of_instance(app, instance, self._cache)
         observed = {} if unread else await self._observe(record, robot)
-        if instance is not None and _must_not_start(instance, observed):
+        if instance is not None and self._must_not_start(app, instance, observed):
             return True
-        fences = {
-            item.metadata.name: Fence(item.metadata.uid, item.metadata.resource_version)
-            for item in observed.values()
-            if isinstance(item, Deployment)
-        }
+        templates = [item for item in observed.values() if names_domain(item)]
+        fences = {item.metadata.name: Fence(item.metadata.uid, item.metadata.resource_version) for item in templates}
         if instance is None:
             if observed and await self._is_back(app, robot):
                 return False
             return await self._write(app, robot, [], observed, fences)
-        if not needs_domain(app):
+        progress = self._judge(app, robot, observed)
+        if not needs_domain(app) or progress.ending is not None:
             self._memory.of(uid).outcomes.pop(robot, None)
-            return await self._write(app, robot, self._wanted(app, robot, None, observed), observed, fences)
+            wanted = self._wanted(app, robot, None, observed, progress)
+            return await self._write(app, robot, wanted, observed, fences)
         outcome = await ensure_domain(
             self._client,
-            domain_request(app, instance, scope_value=self._scope_value(app, instance)),
+            domain_request(app, instance, self._cache),
             app=msgspec.convert(body, ClaimsApp),
-            deployments=[protocol_view(item) for item in observed.values() if isinstance(item, Deployment)],
-            shared_uses=self._shared_uses(app),
+            deployments=list(map(protocol_view, templates)),
+            shared_uses=count_shared_uses(app, self._cache),
             known_claims=self._cache.all_claims,
         )
         memory = self._memory.of(uid)
@@ -295,7 +298,7 @@ class Children:
             memory.new_domains[robot] = outcome.id
         if outcome.fences != fences:
             raise StartOver("a Deployment changed while the domain was taken")
-        wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim), observed)
+        wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim), observed, progress)
         return await self._write(app, robot, wanted, observed, fences)
 
     async def _stop_if_suspended(self, record: Record, robot: str) -> bool:
@@ -315,6 +318,11 @@ class Children:
             return False
         return bool(still_running(record.uid, observed) or self._claims_to_release(record, robot, observed))
 
+    def _must_not_start(self, app: App, instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
+        """Whether nothing of it may be made yet. An instance that is there already goes on as it is written."""
+        waits = instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
+        return bool(waits) and not observed
+
     def _claims_to_release(
         self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]
     ) -> tuple[ResourceClaim, ...]:
@@ -331,12 +339,13 @@ class Children:
         named = {
             number
             for item in observed.values()
-            if isinstance(item, Deployment) and (number := deployment_domain(item)) is not None
+            if names_domain(item) and (number := deployment_domain(item)) is not None
         }
         if named and outcome.unheld:
             desired = desired_of(app, robot)
             stale = Domain(min(named))
             parameters = self._plan_config(app, robot, observed)
+            progress = self._judge(app, robot, observed)
             stopped = wanted_children(
                 desired,
                 domain=stale,
@@ -344,6 +353,7 @@ class Children:
                 running=False,
                 observed=observed,
                 claiming=self._claiming(desired, observed) if app.wants_devices else (),
+                progress=progress,
             )
             wanted = [child for child in stopped if child.ref in observed]
             await self._write(app, robot, wanted, observed, fences)
@@ -402,7 +412,7 @@ class Children:
             owner,
             needed,
             claims,
-            deployments=[item for item in observed.values() if isinstance(item, Deployment)],
+            workloads=[item for item in observed.values() if isinstance(item, Deployment | Job)],
             pods=self._cache.pods.of_instance(owner.uid, robot).values(),
         )
 
@@ -466,18 +476,34 @@ class Children:
         self.forget(record.uid)
 
     async def _observe(self, record: Record, robot: str) -> dict[ChildRef, Observed]:
-        """Deployments and Services of the instance, read with a quorum."""
+        """Deployments, Jobs and Services of the instance, read with a quorum. Jobs of an app that has any, or had as far as the cache shows."""
         mine = f"{Label.APP_UID}={record.uid},{Label.INSTANCE}={robot}"
         space = record.namespace
         deployments = await self._client.list(DEPLOYMENTS, namespace=space, label_selector=mine, as_type=Deployment)
         services = await self._client.list(SERVICES, namespace=space, label_selector=mine, as_type=Service)
         found: list[Observed] = [*deployments.items, *services.items]
+        if (record.app is not None and record.app.has_jobs) or self._cache.jobs.of_instance(record.uid, robot):
+            found += (await self._client.list(JOBS, namespace=space, label_selector=mine, as_type=Job)).items
         return {ref_of(item): item for item in found}
 
+    def _judge(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> Progress:
+        """Returns how far its jobs are; when their time is over is remembered."""
+        progress = judge_progress(app, observed.values(), now=self._now())
+        memory = self._memory.of(app.uid)
+        memory.deadlines.pop(robot, None)
+        if progress.deadline is not None and progress.ending is None:
+            memory.deadlines[robot] = progress.deadline
+        return progress
+
     def _wanted(
-        self, app: App, robot: str, domain: Domain | None, observed: Mapping[ChildRef, Observed]
+        self,
+        app: App,
+        robot: str,
+        domain: Domain | None,
+        observed: Mapping[ChildRef, Observed],
+        progress: Progress,
     ) -> list[Child]:
-        """Everything the instance should have. Of a suspended app only the Deployments that are there: those of a hundred apps that never ran would
+        """Everything the instance should have. Of a suspended app only the Deployments and Jobs that are there: those of a hundred apps that never ran would
         keep the Deployment controller from the apps of others for a minute.
         """
         parameters = self._plan_config(app, robot, observed)
@@ -491,10 +517,11 @@ class Children:
             observed=observed,
             pods=self._cache.pods_by_deployment(app.uid, robot) if app.orders_starts else {},
             claiming=self._claiming(desired, observed) if app.wants_devices else (),
+            progress=progress,
         )
         if not app.spec.suspend:
             return children
-        return [child for child in children if child.ref.kind != DEPLOYMENT or child.ref in observed]
+        return [child for child in children if child.ref.kind == SERVICE or child.ref in observed]
 
     def _claiming(self, desired: Desired, observed: Mapping[ChildRef, Observed]) -> Collection[str]:
         """Returns the components that get their devices by a ResourceClaim."""
@@ -524,58 +551,9 @@ class Children:
 
     def _plan(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:
         settled = self._memory.of(app.uid).settled
-        return plan(app, wanted, observed, version=self._version, settled=settled)
-
-    def _scope_value(self, app: App, instance: Instance) -> str:
-        """Zone and node pools serve the place where the robot is; without a robot the one zone the app names."""
-        pool = self._cache.pools.get(app.pool)
-        scope = pool.spec.scope if pool else "Cluster"
-        node = self._cache.nodes.get(instance.node)
-        if instance.missing:
-            # Where it was when it took its id.
-            places = (claim.spec.domain for claim in self._cache.domains_held(app.uid, instance.robot))
-            return next((place.scope_value for place in places if place and place.pool == app.pool), "")
-        if scope == "Node":
-            return instance.node
-        if scope != "Zone":
-            return ""
-        if node is not None:
-            return node.metadata.labels.get(Label.ZONE, "")
-        zones = app.spec.placement.zones
-        return zones[0] if len(zones) == 1 else ""
-
-    def _shared_uses(self, app: App) -> dict[int, int]:
-        """Deployments per domain id over all apps, for pools with shared ids; {} for apps that share none, to save the count."""
-        if app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
-            return {}
-        groups = (self._cache.deployments.of(uid) for uid in self._cache.apps)
-        named = (deployment_domain(item) for group in groups for item in group.values())
-        return dict(Counter(number for number in named if number is not None))
-
-
-def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainRequest:
-    """The instance's request for a domain."""
-    ros2 = app.spec.ros2
-    return DomainRequest(
-        holder=holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid, instance=instance.robot),
-        pool=app.pool,
-        scope_value=scope_value,
-        requested_id=app.requested_domain,
-        isolation=ros2.isolation if ros2 else "Domain",
-        share_with=app.share_with,
-        allow_unsafe=bool(ros2 and ros2.allow_unsafe_domain),
-    )
+        progress = judge_progress(app, observed.values(), now=self._now())
+        return plan(app, wanted, observed, version=self._version, settled=settled, progress=progress)
 
 
 def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | None:
     return next((instance for instance in instances if instance.robot == robot), None)
-
-
-def _must_not_start(instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
-    """It is unknown which node `@robot` is. An instance that is there already goes on as it is written."""
-    return bool(instance.problem or instance.missing) and not observed
-
-
-def protocol_view(item: Deployment) -> ClaimsDeployment:
-    """The Deployment in the form the claim rules read."""
-    return msgspec.convert({"metadata": msgspec.to_builtins(item.metadata), "spec": item.spec}, ClaimsDeployment)

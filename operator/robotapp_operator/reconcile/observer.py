@@ -10,6 +10,7 @@ from typing import Any
 from robotapp_api.values.placement.round_trips import UNREACHABLE_US
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_claims.rules.instances import Instance
+from robotapp_client.api.times import Now, utc_now
 from robotapp_operator.plan.render.devices.ledger import list_handover_notes
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.config_content import list_config_maps, names_secrets
@@ -32,15 +33,22 @@ from robotapp_operator.watch.lister import (
 
 
 class Observer:
-    """`clock` is monotonic. `on_change` is called with the app's uid and the name of an instance whose facts have changed."""
+    """`clock` is monotonic, `now` the wall clock, by which the time of jobs runs. `on_change` is called with the app's uid and the name of an instance whose facts have changed."""
 
     def __init__(
-        self, cache: Cache, memory: ReconcileState, *, clock: Callable[[], float], on_change: Callable[[str, str], None]
+        self,
+        cache: Cache,
+        memory: ReconcileState,
+        *,
+        clock: Callable[[], float],
+        on_change: Callable[[str, str], None],
+        now: Now = utc_now,
     ) -> None:
         self._cache = cache
         self._memory = memory
         self._clock = clock
         self._on_change = on_change
+        self._now = now
 
     def app(self, record: Record, *, now: str) -> AppFacts | None:
         """Facts of the app and all its instances; None when its spec cannot be parsed. `now`: RFC 3339, whole seconds."""
@@ -110,6 +118,7 @@ class Observer:
             device_stays=own.device_stays,
             config_held=memory.config_held.get(instance.robot, ()),
             now_s=now_s,
+            now=self._now(),
         )
         found = self._publish(app, found, own, now_s)
         lost = self._cache.nodes.lost(instance.node)

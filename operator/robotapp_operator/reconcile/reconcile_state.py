@@ -91,6 +91,8 @@ class AppMemory:
     """Restarts for changes of ConfigMaps that wait, a sentence each."""
     config_due: dict[str, datetime] = dataclasses.field(default_factory=dict)
     """When the first of these may be."""
+    deadlines: dict[str, datetime] = dataclasses.field(default_factory=dict)
+    """When the time of an instance's jobs is over."""
     overrides: dict[str, object] = dataclasses.field(default_factory=dict)
     """By instance, the overrides that its node chose when the app was last planned."""
     barred: dict[str, frozenset[str]] = dataclasses.field(default_factory=dict)
@@ -175,6 +177,7 @@ class ReconcileState:
             memory.held,
             memory.config_held,
             memory.config_due,
+            memory.deadlines,
             memory.overrides,
             memory.barred,
             memory.judged,

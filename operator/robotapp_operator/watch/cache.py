@@ -15,6 +15,7 @@ from robotapp_operator.plan.spec.objects import (
     ChildRef,
     ConfigMap,
     Deployment,
+    Job,
     Meta,
     Pod,
     ReplicaSet,
@@ -107,6 +108,7 @@ class Cache:
         self.pod_failures: dict[str, str] = {}
         """By uid of a pod that does not get to its containers: why, as its events have it."""
         self.deployments: InstanceIndex[Deployment] = InstanceIndex(_labelled, self.touch)
+        self.jobs: InstanceIndex[Job] = InstanceIndex(_labelled, self.touch)
         self.services: InstanceIndex[Service] = InstanceIndex(_labelled, self.touch)
         self.pods = PodIndex(self.touch)
         self.bare_pods: Index[Pod] = Index()
@@ -146,6 +148,10 @@ class Cache:
     def version_of(self, uid: str, instance: str) -> int:
         """Another number after every `touch`."""
         return self._versions.get(uid, {}).get(instance, 0)
+
+    def version_of_app(self, uid: str) -> int:
+        """Changes with every object of any instance of the app."""
+        return max(self._versions.get(uid, {}).values(), default=0)
 
     def forget_versions(self) -> None:
         """Forget the numbers, together with everything that was computed for one: tenants name instances by labels, so they only grow."""
@@ -278,7 +284,7 @@ class Cache:
 
     def _drop_foreign(self, uid: str) -> None:
         """Forget objects that came before the app they name and are not in its namespace."""
-        indexes: tuple[InstanceIndex[Any], ...] = (self.deployments, self.services, self.pods)
+        indexes: tuple[InstanceIndex[Any], ...] = (self.deployments, self.jobs, self.services, self.pods)
         for index in indexes:
             for key, item in list(index.of(uid).items()):
                 if self.is_foreign(item.metadata):
@@ -289,6 +295,7 @@ class Cache:
         found: dict[ChildRef, Observed] = {}
         groups: tuple[Mapping[str, Observed], ...] = (
             self.deployments.of_instance(uid, instance),
+            self.jobs.of_instance(uid, instance),
             self.services.of_instance(uid, instance),
         )
         for group in groups:
@@ -296,16 +303,21 @@ class Cache:
         return found
 
     def child_uids(self, uid: str) -> set[str]:
-        """Of the app's Deployments and Services."""
-        groups: tuple[Mapping[str, Observed], ...] = (self.deployments.of(uid), self.services.of(uid))
+        """Of the app's Deployments, Jobs and Services."""
+        groups: tuple[Mapping[str, Observed], ...] = (
+            self.deployments.of(uid),
+            self.jobs.of(uid),
+            self.services.of(uid),
+        )
         return {item.metadata.uid for group in groups for item in group.values()}
 
     def instance_keys(self, uid: str) -> set[str]:
         """Instances of the app by its children, and by ResourceClaims that hold devices after them."""
-        return self.deployments.instances(uid) | self.services.instances(uid) | self.allocations.claims.instances(uid)
+        return self.running_instances(uid) | self.services.instances(uid) | self.allocations.claims.instances(uid)
 
     def running_instances(self, uid: str) -> set[str]:
-        return self.deployments.instances(uid)
+        """Instances with Deployments or Jobs, also such that have ended: a job stays on its robot."""
+        return self.deployments.instances(uid) | self.jobs.instances(uid)
 
     def robots_with_something(self) -> set[str]:
         """Robots for which there are claims or RobotAppInstances: those are written by us alone, a Deployment by anybody."""
@@ -314,12 +326,15 @@ class Cache:
         return found - {""}
 
     def owns_something(self, uid: str, instance: str) -> bool:
-        """Whether one instance of an app runs: it has a Deployment that the app controls, and a claim or RobotAppInstance.
+        """Whether one instance of an app runs: it has a Deployment or Job that the app controls, and a claim or RobotAppInstance.
 
         A tenant could make Deployments for robots that never were, and these would count as robots out of sight.
         """
         known = self.claims.of_instance(uid, instance) or self.instance_objects.of_instance(uid, instance)
-        return bool(known) and any(owned_by(item, uid) for item in self.deployments.of_instance(uid, instance).values())
+        deployments = self.deployments.of_instance(uid, instance).values()
+        jobs = self.jobs.of_instance(uid, instance).values()
+        owned = any(owned_by(item, uid) for item in deployments) or any(owned_by(item, uid) for item in jobs)
+        return bool(known) and owned
 
     def claimed_instances(self, uid: str) -> set[str]:
         return self.claims.instances(uid)
@@ -347,10 +362,12 @@ class Cache:
         return (claim for claims in self.claims.values() for claim in claims.values())
 
     def pods_by_deployment(self, uid: str, instance: str) -> dict[str, list[Pod]]:
-        """The instance's pods by the uid of the Deployment that owns their ReplicaSet: the chain decides, not the label."""
+        """The instance's pods by the uid of the Deployment that owns their ReplicaSet, or of their Job: the chain decides, not the label."""
         found: dict[str, list[Pod]] = defaultdict(list)
+        jobs = {job.metadata.uid for job in self.jobs.of_instance(uid, instance).values()}
         for pod in self.pods.of_instance(uid, instance).values():
-            owner = self.replica_sets.get(pod.metadata.controller_uid)
+            controller = pod.metadata.controller_uid
+            owner = controller if controller in jobs else self.replica_sets.get(controller)
             if owner:
                 found[owner].append(pod)
         return found
@@ -368,11 +385,11 @@ class Cache:
             self.touch(replica_set.metadata.app_uid, replica_set.metadata.instance)
 
 
-def owned_by(item: Deployment, uid: str) -> bool:
+def owned_by(item: Deployment | Job, uid: str) -> bool:
     return item.metadata.controller_uid == uid
 
 
-def _labelled(item: Deployment | Service | Pod) -> str:
+def _labelled(item: Deployment | Job | Service | Pod) -> str:
     instance: str = item.metadata.instance
     return instance
 

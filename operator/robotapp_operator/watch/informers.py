@@ -16,13 +16,14 @@ from robotapp_operator.plan.diff.master_restarts import MasterStart, find_start
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner
+from robotapp_operator.plan.spec.objects import Deployment, Job, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner
 from robotapp_operator.plan.status.components import awaits_containers
 from robotapp_operator.queue.work import Work, namespace_group, pool_group
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.enqueue import INSTANCE_DELAY_S, enqueue_instance, enqueue_joined, enqueue_status
 from robotapp_operator.watch.indexes.index import Index, InstanceKey
+from robotapp_operator.watch.lister import admitted_instances
 from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
@@ -90,6 +91,7 @@ class Informers:
         for namespace in self._namespaces:
             labelled = {"namespace": namespace, "label_selector": OURS}
             yield self._reflector(resources.DEPLOYMENTS, Deployment, self._deployment, **labelled)
+            yield self._reflector(resources.JOBS, Job, self._job, **labelled)
             yield self._reflector(resources.SERVICES, Service, self._service, **labelled)
             yield self._reflector(resources.REPLICASETS, ReplicaSet, self._replica_set, **labelled)
             yield self._reflector(resources.PODS, Pod, self._pod, **labelled)
@@ -127,6 +129,31 @@ class Informers:
         if record is not None and (before and deployment_domain(before)) != (now and deployment_domain(now)):
             owner = record.namespace, record.name
             enqueue_joined(self._cache, self._queue, owner, uid=uid, instance=label(item, Label.INSTANCE))
+
+    def _job(self, change: Change) -> None:
+        item = self._child(self._cache.jobs, change)
+        if item is None:
+            return
+        before: Job | None = change.old
+        has_ended = item.verdict is not None and (before is None or before.verdict is None)
+        is_same = (
+            before is not None and change.new is not None and before.metadata.generation == item.metadata.generation
+        )
+        if not is_same or has_ended or item.is_deleting or (before is not None and _marks(before) != _marks(item)):
+            self._children(item)
+        if change.new is None or has_ended:
+            self._request_sweep()
+            self._begin_next(label(item, Label.APP_UID))
+        self._status(item)
+
+    def _begin_next(self, uid: str) -> None:
+        """Adds the instances of a sweep whose turn has come."""
+        record = self._cache.apps.get(uid)
+        if record is None or record.app is None or record.app.spec.matrix is None:
+            return
+        for instance in admitted_instances(record.app, self._cache) - self._cache.running_instances(uid):
+            self._queue.add(Key(Work.CHILDREN, uid, instance))
+            enqueue_status(self._queue, uid, instance)
 
     def _others_may_start(self, before: Deployment | Pod | None, now: Deployment | Pod | None) -> bool:
         """Whether a Deployment or pod has become ready, and others of its app may wait for that."""
@@ -237,7 +264,7 @@ class Informers:
         return {
             (uid, robot)
             for uid, record in cache.apps.items()
-            if robot and (cache.deployments.of_instance(uid, robot) or cache.instance_objects.of_instance(uid, robot))
+            if robot and (robot in cache.running_instances(uid) or cache.instance_objects.of_instance(uid, robot))
         }
 
     def _telemetry(self, change: Change) -> None:
@@ -377,7 +404,7 @@ def _is_gated(pod: Pod) -> bool:
     return any(gate.name == SCHEDULING_GATE for gate in pod.spec.scheduling_gates)
 
 
-def _marks(item: Deployment) -> tuple[dict[str, str], tuple[Any, ...]]:
+def _marks(item: Deployment | Job) -> tuple[dict[str, str], tuple[Any, ...]]:
     """Metadata of ours whose change is drift; Kubernetes' own annotations (revision) are not."""
     ours = {key: value for key, value in item.metadata.annotations.items() if key.startswith("robotics.io/")}
     return item.metadata.labels | ours, item.metadata.owner_references

@@ -7,7 +7,7 @@ So they are computed once for each version of the spec and the nodes.
 import dataclasses
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component
@@ -25,6 +25,7 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
+from robotapp_operator.plan.diff.jobs import Progress, judge_progress, list_admitted
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
@@ -46,6 +47,7 @@ from robotapp_operator.plan.status.components import (
     component_view,
     cut_off,
     helper_part,
+    job_view,
 )
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble, missing_device
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
@@ -83,6 +85,26 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     if kept:
         found = cache.answers.get(app, "instances out of sight too", (version, kept), lambda: work_out(kept))
     return found
+
+
+def admitted_instances(app: App, cache: Cache) -> frozenset[str]:
+    """Returns the unfinished instances of a sweep that may run now."""
+
+    def work_out() -> frozenset[str]:
+        jobs = {name: cache.jobs.of_instance(app.uid, name).values() for name in app.sweep}
+        return list_admitted(app, jobs, cache.running_instances(app.uid))
+
+    answer: frozenset[str] = cache.answers.get(app, "admitted", cache.version_of_app(app.uid), work_out)
+    return answer
+
+
+def describe_turn(app: App, instance: str, cache: Cache) -> str:
+    """Returns why an instance of a sweep does not begin yet, "" for one that may, or has begun."""
+    if app.spec.matrix is None or instance in cache.running_instances(app.uid):
+        return ""
+    if instance in admitted_instances(app, cache):
+        return ""
+    return f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
 
 
 def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
@@ -222,34 +244,32 @@ def instance_facts(
     device_stays: str = "",
     config_held: tuple[str, ...] = (),
     now_s: float,
+    now: datetime,
 ) -> InstanceFacts:
-    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic.
-
-    barred: uids of pods that keep our gate, because no node admits them.
-    """
+    """Returns one instance as observed now. now_s: monotonic; barred: uids of pods that keep our gate, as no node admits them."""
     cluster_config = cluster_config_of(cache) if names_config(app, cache) else None
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
-    unmet = unmet_dependencies(app, owned, pods)
-    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet)
+    progress = judge_progress(app, cache.jobs.of_instance(app.uid, instance.robot).values(), now=now)
+    has_ended = progress.ending is not None
+    unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs)
+    asks_domain = needs_domain(app) and not has_ended and not describe_turn(app, instance.robot, cache)
+    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
     views = list(_view_components(app, instance.robot, sources))
-    domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
+    domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
-    begun = [part for part in app.spec.components if part.replicas and part.name not in unmet]
-    wanted = sum(claims_wanted(component.devices) for component in begun)
-    having = min(_having(devices, cache), wanted)
+    idle = {part.name for part in app.spec.components} if has_ended else {*unmet, *progress.ended}
     placed = {view.name: view.node for view in views if view.node}
     return InstanceFacts(
         instance=instance,
         components=tuple(views),
         edges=tuple(_measured(app, instance, placed, cache)),
         domain=domain.id if domain else None,
-        needs_domain=needs_domain(app),
-        undecided=needs_domain(app) and domain is None and outcome is None and not instance.problem,
-        devices_wanted=wanted,
-        devices_held=having,
-        busy=_device_conflict(app, instance, cache) if having < wanted or _waits_to_share(begun, views) else "",
+        ending=progress.ending,
+        needs_domain=asks_domain,
+        undecided=asks_domain and domain is None and outcome is None and not instance.problem,
+        **_count_devices(app, instance, devices, cache, views, idle=idle),
         **(_ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
@@ -269,6 +289,27 @@ def instance_facts(
         links=_links(app, instance, placed, cache),
         cut_off=_not_restarted(ros_deployments(app, owned), pods) if app.managed_master else _cut_off(app, owned, pods),
     )
+
+
+def _count_devices(
+    app: App,
+    instance: Instance,
+    held: Collection[Claim],
+    cache: Cache,
+    views: Iterable[ComponentView],
+    *,
+    idle: Collection[str],
+) -> dict[str, Any]:
+    """Returns how many devices the instance wants now, and has, and who has the others.
+
+    idle: components that are not started yet, or have ended.
+    """
+    begun = [part for part in app.spec.components if part.replicas and part.name not in idle]
+    wanted = sum(claims_wanted(component.devices) for component in begun)
+    having = min(_having(held, cache), wanted)
+    is_short = having < wanted or _waits_to_share(begun, views)
+    busy = _device_conflict(app, instance, cache) if is_short else ""
+    return {"devices_wanted": wanted, "devices_held": having, "busy": busy}
 
 
 def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> tuple[LinkView, ...]:
@@ -488,16 +529,33 @@ class ComponentSources(NamedTuple):
     barred: Collection[str]
     cluster_config: ClusterConfig | None
     unmet: Mapping[str, Sequence[str]]
+    progress: Progress
 
 
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
     """Yields the view of each component in the order of the spec."""
-    cache = sources.cache
+    cache, turn = sources.cache, describe_turn(app, robot, sources.cache)
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)
-        own_pods = sources.pods.get(deployment.metadata.uid, ()) if deployment else ()
+        job = sources.progress.jobs.get(component.name)
+        workload = job if component.job is not None else deployment
+        wait = turn or describe_wait(app, sources.unmet.get(component.name, ()))
+        own_pods = sources.pods.get(workload.metadata.uid, ()) if workload else ()
         content = config_content(component, app, robot, sources.cluster_config) if sources.cluster_config else None
+        if component.job is not None:
+            yield job_view(
+                component,
+                job,
+                own_pods,
+                missing=content.missing if content else (),
+                lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
+                barred=sources.barred,
+                failures=cache.pod_failures,
+                wait=wait,
+                ending=sources.progress.ending,
+            )
+            continue
         yield component_view(
             component,
             deployment,
@@ -506,7 +564,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
             lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
             barred=sources.barred,
             failures=cache.pod_failures,
-            wait=describe_wait(app, sources.unmet.get(component.name, ())),
+            wait=wait,
         )
 
 

@@ -73,7 +73,10 @@ def _with_image(packages: tuple[Package, ...], image: str, block: Section | None
         raise packages[0].node.fail(
             "has its own image, as each of the packages: leave out the one image (--image, or image beside orchestration)"
         )
-    if not image and len(packages) == 1 and block is not None:
+    single_image = block.get("application_image") if block else None
+    if single_image and len(packages) > 1:
+        raise single_image.fail("is one image, but there are several packages: each has its own image field")
+    if not image and block is not None:
         image = block.text("application_image") or ""
     return (replace(packages[0], image=image),) if image else packages
 

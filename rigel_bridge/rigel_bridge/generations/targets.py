@@ -14,7 +14,7 @@ from rigel_bridge.generations.jobs import Job
 from rigel_bridge.generations.model import Options, Package, Step, Target
 
 COMPONENT: Final = "ros-app"
-"""The one component of a file that names no components: the container name that orchestration plugins of Rigel use."""
+"""The one component of a block without `components`: the container name that orchestration plugins of Rigel use."""
 OURS: Final = ("rigel_bridge.RobotAppPlugin", "src.plugin.OrchestrationPlugin")
 """Plugins whose settings are an orchestration; the second is what existing Rigelfiles name."""
 SETTINGS: Final = ("orchestration", "scheduler_name", "image", "namespace", "name", "output", "apply", "wait")
@@ -136,7 +136,7 @@ def _target(
     distro = job.distro if job else _distro_of(file)
     return Target(
         node=node,
-        packages=(_package(file, document, node=node, stated=stated, made=made, distro=distro),),
+        packages=tuple(_packages(file, document, _Default(node, stated or made.image, distro), made, orchestration)),
         orchestration=orchestration,
         job=job.id if job else _DEPLOY,
         name=_stated(settings, "name"),
@@ -231,17 +231,39 @@ def _distro_of(file: JobFile) -> Node | None:
     return application.get("distro") if application else None
 
 
-def _package(file: JobFile, document: Section, *, node: Node, stated: str, made: Build, distro: Node | None) -> Package:
-    """The one component. Command and variables of the container file belong to the built image alone."""
-    image = stated or made.image
-    own = image == made.image
+@dataclass(frozen=True, slots=True)
+class _Default:
+    """What a component of a job has unless its own entry states otherwise."""
+
+    node: Node
+    image: str
+    distro: Node | None
+
+
+def _packages(
+    file: JobFile, document: Section, default: _Default, build: Build, block: Section | None
+) -> Iterator[Package]:
+    """Yields one component per entry of the block's `components`, all of the job's image; one alone without entries."""
+    components = block.section("components") if block else None
+    if components is None or not components.node.mapping():
+        yield _package(file, document, COMPONENT, default, build)
+        return
+    for name, node in components.node.mapping().items():
+        entry = components.at(node)
+        image = entry.text("image") or default.image
+        yield _package(file, document, name, replace(default, node=entry.node, image=image), build)
+
+
+def _package(file: JobFile, document: Section, name: str, default: _Default, build: Build) -> Package:
+    """Returns one component. Command and variables of the container file belong to the built image alone."""
+    is_built = default.image == build.image
     return Package(
-        node=node,
-        name=COMPONENT,
-        image=image,
-        distro=file.options.distro or (document.text_of(distro) if distro else None),
-        command=made.command if own else None,
-        env=made.env if own else ImageEnvironment(),
-        login=login(document, image),
-        builders=made.builders,
+        node=default.node,
+        name=name,
+        image=default.image,
+        distro=file.options.distro or (document.text_of(default.distro) if default.distro else None),
+        command=build.command if is_built else None,
+        env=build.env if is_built else ImageEnvironment(),
+        login=login(document, default.image),
+        builders=build.builders,
     )

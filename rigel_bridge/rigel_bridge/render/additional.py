@@ -25,7 +25,7 @@ def apply(block: Section, draft: Draft, *, version: int, count: int) -> list[Not
     if application is None:
         return notes
     if count > 1:
-        raise application.node.fail("is one Deployment, and there are several packages: write components.<package>")
+        raise application.node.fail("is one Deployment, and there are several components: write components.<name>")
     application.refuse_unknown(("apiVersion", "kind", "metadata", "spec"))
     if node := application.get("metadata"):
         left = f"{node.place}: {node.path} is not carried over"

@@ -59,7 +59,7 @@ def render(target: Target, naming: Naming) -> Rendered:
     draft = Draft(target.node.place)
     block = target.orchestration
     notes = _known_keys(block) if block else []
-    names = components(target.packages, block, draft, notes)
+    names = components(target.packages, draft, notes)
     notes += ros(target.packages, block, draft, today=naming.today)
     extras = reference_plugin.Extras()
     if block is not None:

@@ -3,7 +3,6 @@
 from typing import Any
 
 from rigel_bridge.document.naming import MAX_COMPONENT_NAME, checked_label
-from rigel_bridge.document.section import Section
 from rigel_bridge.document.template import is_secret
 from rigel_bridge.generations.dockerfile import escape_for_kubernetes, read_command
 from rigel_bridge.generations.model import Package
@@ -12,12 +11,9 @@ from rigel_bridge.render.notes import Note
 from rigel_bridge.render.ros import LIFTED
 
 
-def components(packages: tuple[Package, ...], block: Section | None, draft: Draft, notes: list[Note]) -> dict[str, int]:
+def components(packages: tuple[Package, ...], draft: Draft, notes: list[Note]) -> dict[str, int]:
     """Fill the components and the notes; gives index by component name."""
     names: dict[str, int] = {}
-    single_image = block.get("application_image") if block else None
-    if single_image and len(packages) > 1:
-        raise single_image.fail("is one image, but there are several packages: each has its own image field")
     draft.spec["components"] = [{} for _ in packages]
     for index, package in enumerate(packages):
         name = checked_label(package.name, package.node, longest=MAX_COMPONENT_NAME)

@@ -19,8 +19,9 @@ OWN: Final = (
 def orchestrate(block: Section, draft: Draft, names: dict[str, int], *, scheduler: str) -> None:
     """Fill what the block gives. `scheduler` is a sequence's choice: with kube-scheduler's own name the block's ROS rules are left out."""
     everyone = frozenset(names)
+    has_rules = scheduler != DEFAULT_SCHEDULER
     common = block.section("scheduler")
-    if common and scheduler != DEFAULT_SCHEDULER:
+    if common and has_rules:
         scheduling.apply_to_app(common, draft)
         for index in names.values():
             scheduling.apply_to_component(common, draft, index, names=everyone, alone=len(names) == 1)
@@ -34,7 +35,7 @@ def orchestrate(block: Section, draft: Draft, names: dict[str, int], *, schedule
             draft.put(("components", index, "template", "spec", "imagePullSecrets"), listed, secrets)
     if components := block.section("components"):
         for key, node in components.node.mapping().items():
-            _component(components.at(node), draft, _index(key, node, names), everyone)
+            _component(components.at(node), draft, _index(key, node, names), everyone, has_rules=has_rules)
     if verbatim := block.section("robotapp"):
         if components_node := verbatim.get("components"):
             raise components_node.fail("components are given under orchestration.components.<package>")
@@ -48,10 +49,10 @@ def _index(key: str, node: Node, names: dict[str, int]) -> int:
     return names[name]
 
 
-def _component(section: Section, draft: Draft, index: int, everyone: frozenset[str]) -> None:
+def _component(section: Section, draft: Draft, index: int, everyone: frozenset[str], *, has_rules: bool) -> None:
     """RobotApp's own component fields as they stand; `scheduler` in the block's words, which wins over the common one."""
     own = section.section("scheduler")
-    if own:
+    if own and has_rules:
         own.refuse_unknown(
             [key for key in scheduling.BLOCKS if key in ("policies", "affinity", "shared_data", "shared-data")]
         )
@@ -60,6 +61,6 @@ def _component(section: Section, draft: Draft, index: int, everyone: frozenset[s
         draft.overlay(separate)
     for key, node in section.node.mapping().items():
         if key == "name":
-            raise node.fail("the component is named by its package")
+            raise node.fail("the component is named by its package, or by the key it stands under")
         if key != "scheduler":
             draft.merge(("components", index, key), section.plain(node), node)

@@ -39,9 +39,7 @@ def apply(block: Section, draft: Draft, count: int) -> Extras:
     extras = Extras()
     for key in ("readiness", "persistent_storage", "distributed"):
         if count > 1 and (node := block.get(key)):
-            raise node.fail(
-                f"is one, and there are several packages: write it under components.<package> ({_OWN[key]})"
-            )
+            raise node.fail(f"is one, and there are several components: write it under components.<name> ({_OWN[key]})")
     if readiness := block.section("readiness"):
         _readiness(readiness, draft, extras)
     if update := block.section("rolling_update"):

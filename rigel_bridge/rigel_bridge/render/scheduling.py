@@ -90,7 +90,7 @@ def _hardware(affinity: Section, draft: Draft, index: int, *, alone: bool) -> No
 def _refuse_sharing(node: Node, kind: str, *, alone: bool) -> None:
     if not alone:
         raise node.fail(
-            f"a {kind} device belongs to one component, and there are several packages: "
+            f"a {kind} device belongs to one component, and there are several components: "
             "move it to orchestration.components.<package>.scheduler.affinity"
         )
 

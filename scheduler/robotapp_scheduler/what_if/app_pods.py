@@ -10,6 +10,7 @@ from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_NA
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.placement.component_nodes import may_be_on_robot, required_nodes, robot_tolerations, tier_terms
 from robotapp_api.values.replicas import expand_replicas, find_replicas
+from robotapp_api.values.sweeps.matrix import expand_matrix, parallelism_of
 from robotapp_claims.rules.instances import Instance, RobotSelection, instances_of, out_of_sight
 from robotapp_claims.rules.objects import Meta
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
@@ -74,7 +75,10 @@ def tried_app(
 def _instances(
     source: Mapping[str, Any], uid: str, nodes: Iterable[Node], where: str, running: Collection[str]
 ) -> tuple[list[Instance], list[str]]:
-    robots = source["spec"].get("robots")
+    robots, matrix = source["spec"].get("robots"), source["spec"].get("matrix")
+    if matrix is not None:  # those that run first; each later one takes the place of one that has ended
+        names = [instance.name for instance in expand_matrix(matrix)][: parallelism_of(matrix)]
+        return [Instance(name) for name in names], []
     if robots is None:
         return [Instance()], []
     selection = RobotSelection(
@@ -107,6 +111,7 @@ def _pods(source: Mapping[str, Any], app: RobotApp, robot: str, profiles: Collec
             f"RobotApp {app.metadata.name}: schedulerName {str(scheduler)[:63]!r} is none of this scheduler's: "
             + ", ".join(sorted(profiles))
         )
+    home = "" if source["spec"].get("matrix") else robot
     components = expand_replicas(source["spec"])["components"]
     replicas = find_replicas(source["spec"]["components"])
     if len({component["name"] for component in components}) < len(components):
@@ -117,12 +122,13 @@ def _pods(source: Mapping[str, Any], app: RobotApp, robot: str, profiles: Collec
         replica = replicas.get(component["name"])
         replica_of = replica.component if replica else ""
         for number in range(component.get("replicas", 1)):
-            yield _pod(app, component, robot, number=number, replica_of=replica_of, scheduler=scheduler)
+            yield _pod(app, component, robot, number=number, replica_of=replica_of, scheduler=scheduler, home=home)
 
 
 def _pod(
-    app: RobotApp, component: Mapping[str, Any], robot: str, *, number: int, replica_of: str, scheduler: str
+    app: RobotApp, component: Mapping[str, Any], robot: str, *, number: int, replica_of: str, scheduler: str, home: str
 ) -> dict[str, Any]:
+    """Returns a pod of the instance. home: its robot, "" where it has none."""
     meta, template = app.metadata, component.get("template") or {}
     name, spec = f"{child_name(meta.name, robot, component['name'])}-{number}", template.get("spec") or {}
     own = {
@@ -148,8 +154,8 @@ def _pod(
         "spec": {
             "schedulerName": scheduler,
             "nodeSelector": spec.get("nodeSelector") or None,
-            "tolerations": _tolerations(component, spec, robot),
-            "affinity": _affinity(component, robot),
+            "tolerations": _tolerations(component, spec, home),
+            "affinity": _affinity(component, home),
             "hostNetwork": spec.get("hostNetwork") is True,
             "initContainers": [_container(each, spec) for each in spec.get("initContainers") or ()],
             "containers": [_container(each, spec) for each in (component, *(spec.get("containers") or ()))],

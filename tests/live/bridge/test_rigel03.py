@@ -127,6 +127,16 @@ def test_of_two_jobs_the_one_that_runs_is_rendered(rigel: Rigel) -> None:
     assert rigel.app("another.robotapp.yaml")["metadata"]["name"] == "another"  # type: ignore[index]
 
 
+@pytest.mark.parametrize("name", ["teleop-ros2", "fleet-ros1"])
+def test_a_file_with_several_components_gives_the_committed_app(rigel: Rigel, name: str) -> None:
+    example = ROOT / "examples" / "reference" / name
+    (rigel.folder / "Rigelfile").write_text((example / "rigel-0.3" / "Rigelfile").read_text())
+    done = rigel.run("job", "deploy")
+    assert done.returncode == 0, done.stderr
+    committed = yaml.safe_load((example / "robotapp.yaml").read_text())
+    assert rigel.app(f"{name}.robotapp.yaml")["spec"] == committed["spec"]
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [

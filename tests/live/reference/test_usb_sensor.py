@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,8 @@ APPS = sorted(DRIVER)
 STARTED_S = 30.0
 READINGS = 20
 UNPLUGGED_S = 10.0
+NOISE = b"$T,99.00*00\n$T,99.0\n" + 200 * b"9" + b"\n\n"
+"""Lines that are not whole: a wrong checksum, one that was cut off, one that is too long, none."""
 BACK_S = 3.0
 """Time after which readings arrive again, where `slowness` is 1: the driver tries every second."""
 
@@ -38,7 +41,7 @@ BACK_S = 3.0
 def plug_in(programs: Programs, folder: Path) -> Iterator[None]:
     """Puts the pseudo-terminal of a thermometer where the driver looks for its device."""
     device = programs.root / "state" / "sensor"
-    with serial_port(FakeHost(folder), serve=send_temperatures) as path:
+    with serial_port(FakeHost(folder), serve=partial(send_temperatures, noise=NOISE)) as path:
         device.symlink_to(path.readlink())
         yield
         device.unlink()

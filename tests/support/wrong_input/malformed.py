@@ -58,9 +58,11 @@ def full_app() -> dict[str, Any]:
                     "package": "nav2_bringup", "file": "navigation_launch.py", "arguments": {"use_sim_time": "true"},
                     "parametersArgument": "params_file",
                 },
-                dependsOn=[{"component": "driver", "status": "Ready"}],
+                dependsOn=[{"component": "driver", "status": "Ready"}, {"component": "saver", "status": "Complete"}],
             ),
+            component("saver", job={"backoffLimit": 2, "activeDeadlineSeconds": 600}),
         ],
+        completion={"success": {"operator": "All", "components": ["saver"]}, "deadline": "1h"},
         edges=[
             edge(
                 "driver", "mapper", kind="Topic", type="nav_msgs/msg/Odometry", rateHz=20, messageBytes=48, qos=_QOS, requestedQos=_QOS,
@@ -200,15 +202,25 @@ class Malformed:
 
 def malformed_apps(schema: Schema) -> list[Malformed]:
     """Well over a hundred apps, each wrong in exactly one value, each field once. `schema` is the RobotApp's."""
-    found = {}
-    for path, value in _wrong(schema["properties"]["spec"], full_app()["spec"], ("spec",)):
-        found.setdefault((_field(path), repr(value)), Malformed(_shown(path), _with(path, value)))
+    found: dict[tuple[str, str], Malformed] = {}
+    for whole in (full_app(), full_sweep()):
+        for path, value in _wrong(schema["properties"]["spec"], whole["spec"], ("spec",)):
+            found.setdefault((_field(path), repr(value)), Malformed(_shown(path), _with(whole, path, value)))
     return list(found.values())
 
 
+def full_sweep() -> dict[str, Any]:
+    """The fields that an app with robots cannot have."""
+    return app(
+        "sweep",
+        components=[component("sim", job={})],
+        matrix={"parameters": [{"name": "speed", "values": ["0.5", "1.5"]}], "parallelism": 2},
+    )
+
+
 def unused_fields(schema: Schema) -> list[str]:
-    """Fields that `full_app` leaves out, except inside those borrowed from core; `[]` stands for every item of a list."""
-    unused = _unused(schema["properties"]["spec"], [full_app()["spec"]], ("spec",))
+    """Fields that `full_app` and `full_sweep` leave out, except inside those borrowed from core; `[]` stands for every item of a list."""
+    unused = _unused(schema["properties"]["spec"], [full_app()["spec"], full_sweep()["spec"]], ("spec",))
     return [_field(path) for path in unused if not is_borrowed(_field(path[:-1]))]
 
 
@@ -266,8 +278,8 @@ def _unused(schema: Schema, values: list[Any], path: Path) -> Iterator[Path]:
             yield from _unused(member, objects, (*path, key))
 
 
-def _with(path: Path, value: Any) -> dict[str, Any]:
-    obj = full_app()
+def _with(whole: dict[str, Any], path: Path, value: Any) -> dict[str, Any]:
+    obj = copy.deepcopy(whole)
     target: Any = obj
     for step in path[:-1]:
         target = target[step]

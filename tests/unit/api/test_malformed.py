@@ -5,7 +5,7 @@ import re
 import pytest
 from pydantic import ValidationError
 from tests.support.schemas import broken_rules, with_defaults
-from tests.support.wrong_input.malformed import full_app, is_borrowed, malformed_apps, unused_fields
+from tests.support.wrong_input.malformed import full_app, full_sweep, is_borrowed, malformed_apps, unused_fields
 
 from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.base import dump
@@ -22,6 +22,10 @@ def test_the_full_app_uses_every_field_but_those_that_are_always_refused() -> No
 def test_the_full_app_breaks_no_rule_and_survives_a_round_trip() -> None:
     assert broken_rules(SCHEMA, full_app()) == []
     assert dump(RobotApp.model_validate(full_app()))["spec"] == with_defaults(SCHEMA, full_app())["spec"]
+
+
+def test_the_sweep_breaks_no_rule() -> None:
+    assert broken_rules(SCHEMA, full_sweep()) == []
 
 
 def test_there_are_more_than_a_hundred_ways_to_be_wrong() -> None:

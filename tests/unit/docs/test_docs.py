@@ -146,4 +146,4 @@ def test_the_page_of_the_environment_lists_every_variable_that_the_operator_sets
             variables = environment(part, desired_of(app, "amr-07"), domain=domain, state=ParameterState(hash="0"))
             found |= {variable["name"] for variable in variables}
     listed = first_column("environment.md", "# Environment variables")
-    assert set(listed) - {"ROBOTAPP_DEVICE_<NAME>", "<name>"} == found
+    assert set(listed) - {"ROBOTAPP_DEVICE_<NAME>", "MATRIX_<NAME>", "<name>"} == found

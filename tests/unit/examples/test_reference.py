@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import json
+import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -10,15 +12,19 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from journeys import graphs
 from rigel_bridge.main import main as bridge
 from robotapp_cli.lint.linter import lint
 from robotapp_cli.main import app as cli
 from robotapp_testbed import images
+from ros_profile.generate import generate_profile
 from ros_profile.main import main as profile
 
 FOLDER = Path(__file__).parents[3] / "examples" / "reference"
 APPS = sorted(path for path in FOLDER.iterdir() if path.is_dir())
-FILES = ("Dockerfile", "README.md", "Rigelfile", "compose.yaml", "robotapp.yaml")
+RIGELFILES = ("Rigelfile", "rigel-0.3/Rigelfile")
+"""In the form of Rigel 0.2 and in that of 0.3; the RobotApp is rendered from the first."""
+FILES = ("Dockerfile", "README.md", *RIGELFILES, "compose.yaml", "robotapp.yaml")
 
 
 @pytest.fixture(params=APPS, ids=lambda path: path.name)
@@ -27,11 +33,11 @@ def app(request: pytest.FixtureRequest) -> Path:
     return folder
 
 
-def render(app: Path, *flags: str) -> str:
+def render(rigelfile: Path, *flags: str) -> str:
     """Returns what rigel-bridge makes of the Rigelfile."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
-        assert bridge(["render", str(app / "Rigelfile"), *flags]) == 0
+        assert bridge(["render", str(rigelfile), *flags]) == 0
     return output.getvalue()
 
 
@@ -59,9 +65,26 @@ def test_an_application_has_its_files_and_one_package(app: Path) -> None:
 
 
 def test_the_rigelfile_renders_to_the_robotapp(app: Path) -> None:
-    assert render(app) == (app / "robotapp.yaml").read_text()
+    assert render(app / "Rigelfile") == (app / "robotapp.yaml").read_text()
 
 
+def test_the_rigelfile_of_rigel_0_3_renders_to_the_same_app(app: Path) -> None:
+    rendered = yaml.safe_load(render(app / "rigel-0.3" / "Rigelfile"))
+    committed = yaml.safe_load((app / "robotapp.yaml").read_text())
+    assert rendered["metadata"]["annotations"]["rigel.robotics.io/generation"] == "g3"
+    assert rendered["metadata"]["name"] == committed["metadata"]["name"]
+    assert rendered["spec"] == committed["spec"]
+
+
+@pytest.mark.parametrize("rigelfile", RIGELFILES)
+def test_neither_rigelfile_has_a_mistake_in_any_job_or_sequence(app: Path, rigelfile: str) -> None:
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        assert bridge(["check", str(app / rigelfile)]) == 0
+    assert "error" not in output.getvalue()
+
+
+@pytest.mark.parametrize("rigelfile", RIGELFILES)
 @pytest.mark.parametrize(
     ("sequence", "scheduler", "has_wishes"),
     [
@@ -71,9 +94,9 @@ def test_the_rigelfile_renders_to_the_robotapp(app: Path) -> None:
     ],
 )
 def test_three_sequences_choose_the_scheduler_and_nothing_else_of_the_programs(
-    app: Path, sequence: str, scheduler: str, has_wishes: bool
+    app: Path, rigelfile: str, sequence: str, scheduler: str, has_wishes: bool
 ) -> None:
-    spec = yaml.safe_load(render(app, "--sequence", sequence))["spec"]
+    spec = yaml.safe_load(render(app / rigelfile, "--sequence", sequence))["spec"]
     committed = yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]
     assert spec["schedulerName"] == scheduler
     assert any("policies" in component for component in spec["components"]) is has_wishes
@@ -84,15 +107,30 @@ def test_the_robotapp_has_no_findings_of_lint(app: Path) -> None:
     assert lint((app / "robotapp.yaml").read_bytes()).findings == []
 
 
-def test_the_compose_file_imports_to_the_same_programs(app: Path) -> None:
+def test_the_compose_file_imports_to_the_same_app(app: Path) -> None:
     result = CliRunner().invoke(cli, ["import", str(app / "compose.yaml")])
     assert result.exit_code == 0, result.output
-    (imported,) = (part for part in yaml.safe_load_all(result.stdout) if part["kind"] == "RobotApp")
+    *claims, imported = yaml.safe_load_all(result.stdout)
     committed = yaml.safe_load((app / "robotapp.yaml").read_text())
     assert imported["metadata"]["name"] == committed["metadata"]["name"]
-    assert imported["spec"]["ros"] == committed["spec"]["ros"]
-    by_name = sorted(map(words_of, imported["spec"]["components"]))
-    assert by_name == sorted(map(words_of, committed["spec"]["components"]))
+    assert imported["spec"] == committed["spec"]
+    assert lint(result.stdout.encode()).findings == []
+    files = [yaml.safe_load(path.read_text()) for path in app.glob("claim.yaml")]
+    assert [claim["metadata"]["name"] for claim in claims] == [claim["metadata"]["name"] for claim in files]
+
+
+def test_the_picture_of_the_readme_shows_the_app_as_it_is_now_and_says_what_it_is(app: Path) -> None:
+    """`scripts/screenshots --graphs` draws it anew."""
+    picture = (app / graphs.PICTURE).read_text()
+    spec = yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]
+    (facts,) = re.findall(r"<metadata>(.*?)</metadata>", picture)
+    assert json.loads(facts)["spec"] == graphs.hash_spec(app)
+    assert graphs.read_styles() in picture
+    shown = [*(f">{component['name']}</text>" for component in spec["components"])]
+    shown += [f"{edge['topic']}, {edge['from']} → {edge['to']}: " for edge in spec["edges"]]
+    assert [words for words in shown if words not in picture] == []
+    assert f"![{app.name} in the console: " in (app / "README.md").read_text()
+    assert f"({graphs.PICTURE})" in (app / "README.md").read_text()
 
 
 def test_a_parameter_of_the_files_is_one_that_a_node_declares_or_gets(app: Path) -> None:
@@ -120,6 +158,19 @@ def test_the_readme_has_what_the_profile_generator_makes_of_the_package(app: Pat
     assert output.getvalue().strip() in (app / "README.md").read_text()
 
 
+def test_each_component_has_the_class_that_the_profile_generator_infers_for_its_program(app: Path) -> None:
+    (package,) = generate_profile(app / "src").packages
+    inferred = {
+        executable.name: executable.assessment.qos_class.value
+        for executable in package.executables
+        if executable.assessment.qos_class
+    }
+    components = yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]["components"]
+    programs = {component["name"]: Path(component["args"][3]).stem for component in components}
+    stated = {component["name"]: component.get("qosClass") for component in components}
+    assert stated == {name: inferred[program] for name, program in programs.items()}
+
+
 def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:
     package = read_package(app)
     for component in yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]["components"]:
@@ -138,8 +189,6 @@ def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:
         "fleet-*/src/**/tasks.py",
         "detection-*/src/**/detector.py",
         "detection-*/src/**/scene.py",
-        "usb-sensor-*/src/**/sensor.py",
-        "usb-sensor-*/src/**/arrivals.py",
     ],
 )
 def test_both_generations_of_an_application_share_what_has_nothing_of_ros(pattern: str) -> None:

@@ -15,6 +15,7 @@ from robotapp_operator.plan.spec.desired import desired_of
 from robotapp_scheduler.core.api.core_v1 import Pod, PodSpec
 from robotapp_scheduler.core.pods.pod_signature import required_features_of
 from robotapp_scheduler.what_if.app_pods import tried_app
+from robotapp_scheduler.what_if.question import QuestionError
 
 ROBOT = {str(Label.ROBOT): "amr", str(Label.TIER): "robot"}
 SELECTOR = {"nodeSelector": {"matchLabels": {str(Label.ROBOT): "amr"}}}
@@ -105,3 +106,33 @@ def test_what_decides_a_placement_is_what_the_operator_writes(written: dict[str,
     labels = {key: value for key, value in (theirs.metadata.labels or {}).items() if key != Label.APP_UID}
     found = ours.metadata.labels or {}
     assert {key: found.get(key) for key in labels} == labels
+
+
+@pytest.mark.parametrize("written", COMPONENTS.values(), ids=COMPONENTS)
+def test_a_sweep_has_the_pods_of_as_many_instances_as_run_at_once_on_any_robot(written: dict[str, Any]) -> None:
+    matrix = {"parameters": [{"name": "seed", "values": ["1", "2", "3"]}], "parallelism": 2}
+    source = {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "metadata": {"name": "teleop", "namespace": "default"},
+        "spec": {"components": [component(**written, job={})], "matrix": matrix},
+    }
+    pods = tried_app(source, [make_node("amr", labels=ROBOT)], profiles=[SCHEDULER_NAME]).pods
+    app = make_app(component(**written, job={}), matrix=matrix)
+    assert [(pod.metadata.labels or {})[Label.INSTANCE] for pod in pods] == [*app.sweep][:2]
+    for pod in pods:
+        instance = (pod.metadata.labels or {})[Label.INSTANCE]
+        theirs = pod_template(app.spec.components[0], desired_of(app, instance), domain=None, state=NONE)
+        assert deciding(pod.spec)["affinity"] == msgspec.convert(theirs, Pod).spec.affinity
+
+
+def test_a_matrix_that_is_none_ends_no_scheduler() -> None:
+    for matrix in ([], 7, {"parameters": 7}, {"parameters": [{}]}, {"parameters": [{"name": 1, "values": [2, None]}]}):
+        source = {
+            "apiVersion": API_VERSION,
+            "kind": "RobotApp",
+            "metadata": {"name": "teleop", "namespace": "default"},
+            "spec": {"components": [component()], "matrix": matrix},
+        }
+        with pytest.raises(QuestionError):
+            tried_app(source, [], profiles=[SCHEDULER_NAME])

@@ -15,7 +15,9 @@ ReadFile = Callable[[str], bytes | None]
 _DEEPEST: Final = 16
 _MOST_FILES: Final = 100
 _NAMED: Final = ("services", "volumes", "configs", "secrets", "networks")
-_TOP: Final = frozenset({*_NAMED, "include", "name"})
+EXTENSION: Final = "x-robotapp"
+"""What compose has no words for, in those of RobotApp: at the top of a file and in a service."""
+_TOP: Final = frozenset({*_NAMED, "include", "name", EXTENSION})
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class Project:
     configs: dict[str, Part] = field(default_factory=dict)
     secrets: dict[str, Part] = field(default_factory=dict)
     networks: dict[str, Part] = field(default_factory=dict)
+    extension: Part | None = None
 
 
 @dataclass(slots=True)
@@ -119,6 +122,8 @@ class Loader:
             for key, value in (part.as_fields() if part else {}).items():
                 entry = self._extend(value, key, ()) if kind == "services" else value
                 table[key] = merge(table[key], entry) if key in table else entry
+        if extension := root.get(EXTENSION):
+            project.extension = merge(project.extension, extension) if project.extension else extension
         self._report_others(root)
 
     def _include(self, project: Project, entry: Part, variables: dict[str, str], depth: int) -> None:
@@ -193,7 +198,7 @@ class Loader:
     def _report_others(self, root: Part) -> None:
         """Reports the fields of a file that have no meaning in a cluster."""
         for name, part in root.as_fields().items():
-            if name.startswith("x-"):
+            if name.startswith("x-") and name != EXTENSION:
                 self.report.omit(part, "an extension; what aliases take from it is taken there")
             elif name == "version":
                 self.report.omit(part, "compose ignores it as well")

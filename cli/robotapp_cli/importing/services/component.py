@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Final
 
 from robotapp_cli.importing.files.parts import Part
+from robotapp_cli.importing.files.project import EXTENSION
 from robotapp_cli.importing.services import devices, host, operation, program, storage
 from robotapp_cli.importing.services.draft import Context, Draft, report_fields
 from robotapp_cli.lint.findings import shown
@@ -63,7 +64,7 @@ HANDLERS: Final[dict[str, Handler]] = {
 }
 """What takes each field, in the order in which fields are looked at."""
 
-_ELSEWHERE: Final = frozenset({"image", "build", "profiles"})
+_ELSEWHERE: Final = frozenset({"image", "build", "profiles", EXTENSION})
 _CPU: Final = "write resources.limits.cpu; shares and periods follow from it"
 _KUBELET: Final = "the kubelet decides it"
 _HOOK: Final = "write lifecycle.postStart or lifecycle.preStop with the command"

@@ -1,4 +1,4 @@
-"""Components: the processes of an app. Each becomes one Deployment per instance.
+"""Components: the processes of an app. Each becomes one Deployment per instance, or one Job if it ends.
 
 Fields borrowed from PodSpec and Container stay JSON in Python, packed as text; their schema is the vendored core schema.
 """
@@ -80,12 +80,21 @@ class Ready(Model):
 
 
 class Dependency(Model):
-    """A component of this app that must be ready before this one is created."""
+    """A component of this app that must be ready, or complete, before this one is created."""
 
     component: DnsLabel
     """Name of the other component."""
-    status: Literal["Ready"] = "Ready"
-    """State the other component must have reached: Ready."""
+    status: Literal["Ready", "Complete"] = "Ready"
+    """State the other component must have reached: Ready, or Complete for one with job."""
+
+
+class Job(Model):
+    """How a program that ends is run: until it has ended with exit code 0, and not again afterwards."""
+
+    backoff_limit: Annotated[int, Field(ge=0, le=100)] = 6
+    """How many times a program that failed is started again before the job has failed."""
+    active_deadline_seconds: Annotated[int, Field(ge=1, le=31_536_000)] | None = None
+    """Seconds that all attempts together may take; then the job has failed. Absent means no limit."""
 
 
 class SharedMemory(Model):
@@ -161,6 +170,18 @@ class Component(Model):
             expression="'component %s cannot wait for itself; remove its own name from dependsOn'.format([self.name])",
             path=".dependsOn",
         ),
+        Rule(
+            rule="!has(self.job) || self.replicas <= 1 || (has(self.replicaIdentity) && self.replicaIdentity == 'Ordinal')",
+            message="a job runs once; write replicas: 1, or replicaIdentity: Ordinal for a job of each replica",
+            expression="'component %s: a job runs once, not as %d copies; write replicas: 1, or replicaIdentity: Ordinal for a job of each replica'.format([self.name, self.replicas])",
+            path=".replicas",
+        ),
+        Rule(
+            rule="!has(self.job) || !has(self.ready)",
+            message="a job is not ready, it completes; remove ready, and write dependsOn with status: Complete where others wait for it",
+            expression="'component %s: a job is not ready, it completes; remove ready, and write dependsOn with status: Complete where others wait for it'.format([self.name])",
+            path=".ready",
+        ),
     )
 
     name: DnsLabel
@@ -175,6 +196,9 @@ class Component(Model):
     """Program in place of command and args: an executable of a ROS package."""
     launch: Launch | None = None
     """Program in place of command and args: a launch file."""
+    job: Job | None = None
+    """For a program that ends, such as a map saver or a calibration: it runs until it has ended with exit code 0. {} is enough.
+    Absent means a program that runs on, which is started again when it ends. A change of the component runs the job again."""
     ros: Literal["None"] | None = None
     """None for a component without ROS, such as a database or a web server: no domain, no discovery and no ROS variables, everything
     else as for others. Absent means the app's ROS."""
@@ -245,7 +269,7 @@ class Component(Model):
     separate_from: Peers = ()
     """Components that must be on another node than this one."""
     depends_on: Annotated[tuple[Dependency, ...], ListMap("component"), Field(max_length=16)] = ()
-    """Components that must be ready before this one is created. One that runs is not stopped when they cease to be ready."""
+    """Components that must be ready, or complete, before this one is created. One that runs is not stopped when they cease to be ready."""
     replicas: Annotated[int, Field(ge=0, le=32)] = 1
     """Identical copies, also in the name of their ROS node unless replicaIdentity is Ordinal; more than 1 with exclusive devices only
     then. 0 suspends the component: no pod, and its devices are given back."""

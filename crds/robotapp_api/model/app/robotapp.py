@@ -9,15 +9,21 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.edge import Edge
 from robotapp_api.model.app.override import Override
 from robotapp_api.model.app.placement import Placement
-from robotapp_api.model.app.robots import Robots
+from robotapp_api.model.app.robots import Matrix, Robots
 from robotapp_api.model.app.ros import Ros, Ros1, Ros2
 from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.base import Model, ObjectMeta
-from robotapp_api.model.markers import Column, Kind, ListMap, Rule
+from robotapp_api.model.markers import Column, Kind, ListMap, ListSet, Rule
 from robotapp_api.model.recording import Recording
-from robotapp_api.model.scalars import Duration
+from robotapp_api.model.scalars import DnsLabel, Duration
 
 _NAMES = "self.components.map(c, c.name)"
+_JOBS = "self.components.filter(j, has(j.job)).map(j, j.name)"
+_BY_STATUS = (
+    f"sets.contains({_JOBS}, c.dependsOn.filter(d, d.status == 'Complete').map(d, d.component)) && "
+    "sets.contains(self.components.filter(j, !has(j.job)).map(j, j.name), c.dependsOn.filter(d, d.status == 'Ready').map(d, d.component))"
+)
+"""Whether a component waits for each other one as what it is."""
 
 
 def _known(field: str, *, has: str, advice: str) -> Rule:
@@ -50,6 +56,24 @@ class Connectivity(Model):
     the robot may be out of sight (no node of its name; Offline at once) before its instance ends."""
 
 
+class Success(Model):
+    """Which jobs must complete."""
+
+    operator: Literal["All", "Any"] = "All"
+    """All: each of the jobs completes. Any: the first of them does, and the others are ended."""
+    components: Annotated[tuple[DnsLabel, ...], ListSet(), Field(max_length=64)] = ()
+    """Components with job that count; absent means all of them."""
+
+
+class Completion(Model):
+    """When an instance has completed although it has components that run on: these end with it."""
+
+    success: Success = Success()
+    """Which jobs must complete."""
+    deadline: Duration | None = None
+    """How long the jobs may take together, from the first one's creation; then the instance has failed. Absent means no limit."""
+
+
 class RobotAppSpec(Model):
     """What is wanted; only its author writes it."""
 
@@ -74,6 +98,23 @@ class RobotAppSpec(Model):
             path=".components",
         ),
         Rule(
+            rule=f"self.components.all(c, !has(c.dependsOn) || {_BY_STATUS})",
+            message="dependsOn waits for a job with status: Complete, and for other components with status: Ready; write that status, or job: {} in a component that ends",
+            expression=f"'dependsOn of %s waits for a job with status: Complete, and for other components with status: Ready; write that status, or job: {{}} in a component that ends (jobs are %s)'.format([self.components.filter(c, has(c.dependsOn) && !({_BY_STATUS})).map(c, c.name), {_JOBS}])",
+            path=".components",
+        ),
+        Rule(
+            rule=f"!has(self.completion) || {_JOBS}.size() > 0",
+            message="completion is about components that end, and none does; write job: {} in one, or remove completion",
+            path=".completion",
+        ),
+        Rule(
+            rule=f"!has(self.completion) || !has(self.completion.success) || !has(self.completion.success.components) || sets.contains({_JOBS}, self.completion.success.components)",
+            message="completion.success.components must name components with job; write the name of one, or job: {} in it",
+            expression=f"'completion.success.components are %s, but the components with job are %s; write the name of one, or job: {{}} in it'.format([self.completion.success.components, {_JOBS}])",
+            path=".completion.success.components",
+        ),
+        Rule(
             rule="self.components.all(c, !has(c.colocateWith) || !self.components.exists(o, has(o.separateFrom) && o.name in c.colocateWith && c.name in o.separateFrom))",
             message="one component wants to be with another that wants to be apart from it; remove one of the two names",
             expression="'colocateWith of %s contradicts separateFrom of the component it names; remove one of the two names'.format([self.components.filter(c, has(c.colocateWith) && self.components.exists(o, has(o.separateFrom) && o.name in c.colocateWith && c.name in o.separateFrom)).map(c, c.name)])",
@@ -88,6 +129,26 @@ class RobotAppSpec(Model):
             rule="!has(self.ros2) || !has(self.ros2.domain) || !has(self.robots) || self.robots.assignment != 'Each' || self.ros2.isolation == 'Discovery'",
             message="one domain for every robot would let all of them obey one /cmd_vel; drop ros2.domain, or write robots.assignment: Any or ros2.isolation: Discovery",
             expression="'domain %d for every robot would let all of them obey one /cmd_vel; drop ros2.domain, or write robots.assignment: Any or ros2.isolation: Discovery'.format([self.ros2.domain])",
+            path=".ros2.domain",
+        ),
+        Rule(
+            rule="!has(self.matrix) || !has(self.robots)",
+            message="a sweep has an instance for each combination of values, and robots have one each; remove matrix or robots",
+            path=".matrix",
+        ),
+        Rule(
+            rule=f"!has(self.matrix) || {_JOBS}.size() > 0",
+            message="an instance of a sweep ends with its components that have job, and none has it, so later instances would wait for ever; write job: {} in the component whose program ends",
+            path=".components",
+        ),
+        Rule(
+            rule="!has(self.matrix) || has(self.completion) || (!has(self.recordings) && self.components.all(c, has(c.job)))",
+            message="an instance of a sweep would not end, because it has components or recordings that run on; write completion: {} to end it with its jobs",
+            path=".completion",
+        ),
+        Rule(
+            rule="!has(self.matrix) || !has(self.ros2) || !has(self.ros2.domain) || self.ros2.isolation == 'Discovery'",
+            message="one domain for all instances of a sweep would let them obey each other's topics; drop ros2.domain, or write ros2.isolation: Discovery",
             path=".ros2.domain",
         ),
         Rule(
@@ -115,8 +176,10 @@ class RobotAppSpec(Model):
     """ROS version and distribution."""
     robots: Robots | None = None
     """Robots the app runs for; absent means one instance that belongs to no robot."""
+    matrix: Matrix | None = None
+    """A sweep: an instance for each combination of the values of its parameters. Absent means none."""
     components: Annotated[tuple[Component, ...], ListMap("name"), Field(min_length=1, max_length=64)]
-    """Processes of the app; each becomes one Deployment per instance."""
+    """Processes of the app; each becomes one Deployment per instance, or one Job if it ends."""
     edges: Annotated[tuple[Edge, ...], ListMap("kind", "topic", "from", "to"), Field(max_length=256)] = ()
     """Who talks to whom, and how fast it must be."""
     overrides: Annotated[tuple[Override, ...], ListMap("name"), Field(max_length=16)] = ()
@@ -124,6 +187,9 @@ class RobotAppSpec(Model):
     robot a later one wins."""
     recordings: Annotated[tuple[Recording, ...], ListMap("name"), Field(max_length=8)] = ()
     """Topics that are written into bags, by a component of each recording's name."""
+    completion: Completion | None = None
+    """When an instance has ended as a whole, although it has components that run on. Absent means: when all its components are jobs
+    that have ended."""
     placement: Placement = Placement()
     """Placement of the whole app."""
     ros2: Ros2 | None = None

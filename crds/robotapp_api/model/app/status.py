@@ -28,9 +28,9 @@ class InstanceCounts(Observed):
     offline: Count = 0
     """Instances whose robot is out of reach for longer than connectivity.grace, or out of sight."""
     completed: Count = 0
-    """Always 0 until components may end: today one is started again when its program ends."""
+    """Instances whose jobs have completed: nothing of them runs any more."""
     failed: Count = 0
-    """Instances that cannot run as they are written."""
+    """Instances that cannot run as they are written, or whose jobs have failed."""
 
 
 class Troubled(Observed):
@@ -75,7 +75,7 @@ class RobotAppStatus(Observed):
     observed_generation: Generation | None = None
     """Generation of the spec this status is about."""
     phase: PhaseText = Phase.PENDING.value
-    """Pending, Placing, Running, Degraded, Offline, Suspended, Stopping or Failed; more may come."""
+    """Pending, Placing, Running, Degraded, Offline, Suspended, Stopping, Completed or Failed; more may come."""
     conditions: Conditions = initial_conditions()
     """Ready, Accepted, Allocated, Placed, BudgetMet, Progressing, Stalled."""
     instance_counts: InstanceCounts = InstanceCounts()

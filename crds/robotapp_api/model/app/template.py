@@ -109,7 +109,7 @@ class TemplateSpec(Model):
         Literal["Always", "OnFailure", "Never"] | None,
         _refused(
             "restartPolicy",
-            "components always restart: leave it out; a program that ends is a Job",
+            "leave it out, or write job: {} in the component for a program that ends",
             empty="self == 'Always'",
         ),
     ] = None

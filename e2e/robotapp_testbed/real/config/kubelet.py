@@ -8,6 +8,8 @@ from robotapp_testbed.real.config.addresses import CLUSTER_DOMAIN, DNS_SERVICE_I
 from robotapp_testbed.real.config.containerd import SOCKET
 
 FOLDER: Final = "/var/lib/kubelet"
+PODS_CGROUP: Final = "kubepods"
+"""Folder of all pods below `cgroupRoot`; the name is a constant of the kubelet."""
 PRETENDED: Final = (
     "kernel/panic",
     "kernel/panic_on_oops",

@@ -8,11 +8,11 @@ import pytest
 from campaigns.cluster_cases import ALL_FAMILIES, Case
 from campaigns.cluster_cases.eviction_families import set_priority
 from campaigns.cluster_cases.scene import Scene, make_node, make_pod
-from campaigns.parity.live import LIVE, campaign, numbered
+from campaigns.parity.live import LIVE, campaign, keep_node, numbered
 from campaigns.parity.oracle import OracleLog
 from campaigns.parity.probe import told
 from campaigns.parity.profiles import PROFILES
-from campaigns.parity.verdict import FOUND, Verdict, differences, judged
+from campaigns.parity.verdict import FOUND, Verdict, differences, judged, list_failures
 
 LOG = """\
 I1121 00:00:00.1 7 schedule_one.go:1] "Plugin scored node for pod" pod="a/p" plugin="NodeAffinity" node="n1" score=20
@@ -127,11 +127,40 @@ def test_equal_seeds_give_equal_campaigns_and_every_family_and_profile_takes_its
     assert set(LIVE) == set(ALL_FAMILIES)
 
 
-def test_claims_of_a_pod_that_went_to_another_of_the_best_nodes_after_its_refusal_are_not_compared() -> None:
-    """The refusal gave up an allocation that nobody used; where the pod goes then is any of the nodes with the best score."""
+def test_a_pod_that_is_placed_after_its_refusal_may_go_to_any_of_the_best_nodes_and_has_the_devices_of_its_node() -> (
+    None
+):
+    """The refusal gave up an allocation that nobody used, so the next attempt is compared like a first one."""
     theirs, ours = (
-        Verdict(message="none; deallocated", claims={"claim": {"device": node}}, next_node=node)
+        Verdict(
+            message="none; deallocated",
+            claims={"claim": {"device": node}},
+            scores={name: {"Fit": 7 if name != "n1" else 3} for name in ("n0", "n1", "n2")},
+            best=frozenset({"n0", "n2"}),
+            next_node=node,
+        )
         for node in ("n0", "n2")
     )
     assert differences(theirs, ours) == []
-    assert differences(theirs, replace(ours, next_node="n0")) != []
+    assert [text.partition(":")[0] for text in differences(theirs, replace(ours, next_node="n0"))] == ["claims"]
+    assert [text.partition(":")[0] for text in differences(theirs, replace(ours, next_node="n1"))] == ["choice"]
+    assert [text.partition(":")[0] for text in differences(theirs, replace(ours, next_node="", scores={}))] == [
+        "feasible"
+    ]
+
+
+def failing(node: str) -> Verdict:
+    text = (
+        f"claim default/claim: selector #0 on device gpu.example.com/{node}/gpu0: CEL runtime error: no such key: rank"
+    )
+    return Verdict(message=f'running "DynamicResources" filter plugin: {text}')
+
+
+def test_devices_of_failed_expressions_are_compared_on_their_own_node_alone() -> None:
+    """Where an expression fails on several nodes, each scheduler names the device that it met first."""
+    theirs, ours = failing("n0"), failing("n1")
+    assert list_failures(theirs, ours) == [("n0", theirs.message), ("n1", ours.message)]
+    assert list_failures(theirs, Verdict(message="0/2 nodes are available")) == []
+    objects = [each for each in full_nodes("2", "2").objects if each["kind"] in {"Node", "Pod"}]
+    kept_case = keep_node(Case(("preemption",), tuple(objects)), "n1")
+    assert [each["metadata"]["name"] for each in kept_case.objects] == ["n1", "low1", "new"]

@@ -1,5 +1,8 @@
 from pathlib import Path
 
+import pytest
+
+from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.real import cgroups
 
 
@@ -27,3 +30,27 @@ def test_with_v2_controllers_are_handed_down_to_the_node(tmp_path: Path) -> None
     # memory is handed down, misc nobody needs; a kubelet refuses to start without hugetlb where there is one
     assert (tmp_path / "cgroup.subtree_control").read_text() == "+hugetlb"
     assert (tmp_path / "robotapp-nodes-1" / "edge-1").is_dir()
+
+
+def test_the_cpu_of_a_folder_is_capped_by_the_quota_of_either_version(tmp_path: Path) -> None:
+    v1, v2 = tmp_path / "v1", tmp_path / "v2"
+    for folder, names in (
+        (v1 / "memory/node/kubepods", ()),
+        (v1 / "cpu/node/kubepods", ("cpu.cfs_quota_us", "cpu.cfs_period_us")),
+        (v2 / "node/kubepods", ("cpu.max",)),
+    ):
+        folder.mkdir(parents=True)
+        for name in names:
+            (folder / name).write_text("")
+    (v2 / "cgroup.controllers").write_text("cpu\n")
+    for root in (v1, v2):
+        cgroups.limit_cpu("node/kubepods", 1.5, root=root)
+    assert (v1 / "cpu/node/kubepods/cpu.cfs_quota_us").read_text() == "150000"
+    assert (v1 / "cpu/node/kubepods/cpu.cfs_period_us").read_text() == "100000"
+    assert (v2 / "node/kubepods/cpu.max").read_text() == "150000 100000"
+
+
+def test_a_folder_that_is_not_there_cannot_be_capped(tmp_path: Path) -> None:
+    (tmp_path / "cpu").mkdir()
+    with pytest.raises(TestbedError, match="node/kubepods"):
+        cgroups.limit_cpu("node/kubepods", 1.0, root=tmp_path)

@@ -7,6 +7,14 @@ from typing import Any
 from robotapp_api.model.names import Annotation, Label
 from robotapp_claims.rules.identity import domain_literal
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
+from robotapp_operator.plan.diff.jobs import (
+    NO_JOBS,
+    Progress,
+    amend_job,
+    end_at_once,
+    limit_time,
+    must_replace,
+)
 from robotapp_operator.plan.diff.newer import (
     Held,
     amend,
@@ -16,17 +24,17 @@ from robotapp_operator.plan.diff.newer import (
     written_by_newer,
 )
 from robotapp_operator.plan.diff.unowned import unowned_pointers
-from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
-from robotapp_operator.plan.render.deployments import component_deployments
+from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, SERVICE, Child
+from robotapp_operator.plan.render.deployments import component_deployments, component_jobs
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.render.services import component_services, peers_service, replicas_services
 from robotapp_operator.plan.spec.covers import covers
 from robotapp_operator.plan.spec.dependencies import unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Desired, Domain
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Pod, Service, pod_annotations, pod_spec
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job, Pod, Service, pod_annotations, pod_spec
 
-Observed = Deployment | Service
+Observed = Deployment | Job | Service
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -65,12 +73,17 @@ def wanted_children(
     observed: Mapping[ChildRef, Observed] = {},
     pods: Mapping[str, Sequence[Pod]] | None = None,
     claiming: Collection[str] = (),
+    progress: Progress = NO_JOBS,
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
     master_starts: by component, those of the ROS 1 master for which it was restarted. claiming: components with a ResourceClaim.
+    progress: of its jobs. When these have ended it, their Jobs are all that is left.
     A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
+    if progress.ending is not None:
+        jobs = component_jobs(desired, domain=domain, parameters=parameters, running=True, ended=progress.ended)
+        return [child for child in jobs if child.component in progress.jobs]
     if desired.app.ros_version == 2 and domain is None:
         return []
     children = infrastructure(desired, running=running)
@@ -78,7 +91,7 @@ def wanted_children(
         children.append(peers_service(desired))
     children += replicas_services(desired) + component_services(desired)
     waiting = unmet_dependencies(
-        desired.app, (item for item in observed.values() if isinstance(item, Deployment)), pods
+        desired.app, (item for item in observed.values() if isinstance(item, Deployment)), pods, progress.jobs
     )
     deployments = component_deployments(
         desired,
@@ -89,7 +102,19 @@ def wanted_children(
         waiting=waiting.keys(),
         claiming=claiming,
     )
-    return [*children, *(child for child in deployments if child.component not in waiting or child.ref in observed)]
+    jobs = component_jobs(
+        desired,
+        domain=domain,
+        parameters=parameters,
+        running=running,
+        waiting=waiting.keys(),
+        ended=progress.ended,
+        claiming=claiming,
+    )
+    new_jobs = {child.ref for child in jobs} - observed.keys()
+    jobs = [limit_time(child, progress) if child.ref in new_jobs else child for child in jobs]
+    workloads = [*deployments, *jobs]
+    return [*children, *(child for child in workloads if child.component not in waiting or child.ref in observed)]
 
 
 def plan(
@@ -99,6 +124,7 @@ def plan(
     *,
     version: str,
     settled: Mapping[str, tuple[int, str]],
+    progress: Progress = NO_JOBS,
 ) -> Plan:
     """What to write so that `observed` becomes `wanted`.
 
@@ -110,12 +136,20 @@ def plan(
     waiting: list[Change] = []
     restarts: list[Change] = []
     foreign: list[str] = []
+    replaced: list[Observed] = []
     for child in wanted:
         over = observed.get(child.ref)
         if over is None:
             changes.append(Change(child, None))
         elif over.metadata.controller_uid != app.uid:
             foreign.append(f"{child.ref.kind} {child.ref.name}")
+        elif isinstance(over, Job):
+            if over.is_deleting:
+                continue  # its successor is made when its last pod has ended
+            if must_replace(app, child, over, version=version):
+                replaced.append(over)
+            elif (job_spec := _change_job(app, child, over, progress)) is not None:
+                changes.append(Change(child, over, job_spec))
         elif in_place(child, over, settled):
             if not _has_records(child, over) and not written_by_newer(app, over, version):
                 changes.append(Change(child, over))
@@ -136,7 +170,17 @@ def plan(
     names = {child.ref for child in wanted}
     unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
     deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]
-    return Plan((*moved, *changes, *restarts), tuple(deletes), tuple(held), tuple(foreign))
+    return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign))
+
+
+def _change_job(app: App, child: Child, job: Job, progress: Progress) -> dict[str, Any] | None:
+    """Returns the spec to write over that of a Job, None for one that stays. One that has ended stays as it is."""
+    if job.verdict is not None:
+        return None
+    if progress.ending is None:
+        return amend_job(app, child, job)
+    spec = end_at_once(app, job)
+    return None if spec == job.spec else spec
 
 
 def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tuple[list[Change], list[Change]]:
@@ -155,18 +199,22 @@ def _may_be_named(app: App, item: Observed, held: Sequence[Held], version: str) 
 
     Its pods would start without discovery. The Services go with the last template that is held.
     """
-    if isinstance(item, Deployment) and item.metadata.labels.get(Label.COMPONENT):
+    if isinstance(item, Deployment | Job) and item.metadata.labels.get(Label.COMPONENT):
         return False  # the user removed the component
     return bool(written_by_newer(app, item, version)) or (bool(held) and not isinstance(item, Deployment))
 
 
-def still_running(uid: str, observed: Mapping[ChildRef, Observed]) -> list[Deployment]:
-    """Deployments of the app that want pods: what a suspended app must not have, whatever else is wrong with its spec."""
+def still_running(uid: str, observed: Mapping[ChildRef, Observed]) -> list[Deployment | Job]:
+    """Deployments and Jobs of the app that want pods: what a suspended app must not have, whatever else is wrong with its spec."""
     return [
         item
         for _, item in sorted(observed.items())
-        if isinstance(item, Deployment) and item.metadata.controller_uid == uid and item.spec.get("replicas", 1)
+        if not isinstance(item, Service) and item.metadata.controller_uid == uid and _wants_pods(item)
     ]
+
+
+def _wants_pods(item: Deployment | Job) -> bool:
+    return item.may_run if isinstance(item, Job) else bool(item.spec.get("replicas", 1))
 
 
 def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]]) -> bool:
@@ -203,8 +251,8 @@ def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
     return same and _inputs(over.spec) == _inputs(child.spec)
 
 
-def deployment_domain(deployment: Deployment) -> int | None:
-    """The id a Deployment's template names, None without one."""
+def deployment_domain(deployment: Deployment | Job) -> int | None:
+    """The id a Deployment's or Job's template names, None without one."""
     return domain_literal(template_env(deployment.spec).get(ROS_DOMAIN_ID, ""))
 
 
@@ -245,4 +293,5 @@ def _prunable(app: App, item: Observed) -> bool:
 
 
 def ref_of(item: Observed) -> ChildRef:
-    return ChildRef(DEPLOYMENT if isinstance(item, Deployment) else SERVICE, item.metadata.name)
+    kinds = {Deployment: DEPLOYMENT, Job: JOB, Service: SERVICE}
+    return ChildRef(kinds[type(item)], item.metadata.name)

@@ -17,7 +17,7 @@ from robotapp_claims.rules.identity import domain_literal
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment, Service, pod_annotations, pod_spec
+from robotapp_operator.plan.spec.objects import Deployment, Job, Service, pod_annotations, pod_spec
 
 _OLDEST: Final = Version("0.dev0")
 
@@ -51,7 +51,7 @@ class Amendment:
     waits: bool
 
 
-def written_by_newer(app: App, over: Deployment | Service, version: str) -> str:
+def written_by_newer(app: App, over: Deployment | Job | Service, version: str) -> str:
     """The newer operator's version, "" if there is none or the user has approved that ours takes over."""
     writer = over.metadata.annotations.get(Annotation.RENDERED_BY, "")
     approved = app.annotations.get(Annotation.APPROVE_UPDATE) == version

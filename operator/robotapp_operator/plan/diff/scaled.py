@@ -9,13 +9,15 @@ from typing import Any, Final
 from robotapp_api.model.names import OPERATOR_MANAGER, Annotation
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment, Service
+from robotapp_operator.plan.spec.objects import Deployment, Job, Service
 
 _AUTOSCALERS: Final = ("kube-controller-manager", "horizontal-pod-autoscaler")
 """Field managers under which the HorizontalPodAutoscaler's controller writes the scale."""
 
 
-def note_scaled(app: App, child: Child, over: Deployment | Service, managed_fields: Sequence[Mapping[str, Any]]) -> str:
+def note_scaled(
+    app: App, child: Child, over: Deployment | Job | Service, managed_fields: Sequence[Mapping[str, Any]]
+) -> str:
     """Returns the text of an event when others changed only the replicas of what was rendered for this spec, else ""."""
     if not isinstance(over, Deployment) or over.metadata.annotations.get(Annotation.CONTENT_HASH) != child.hash:
         return ""

@@ -22,6 +22,11 @@ def unowned_pointers(spec: Mapping[str, Any], wanted: Mapping[str, Any]) -> list
     return [pointer for pointer, value in _literals(spec) if value not in ours][::-1]
 
 
+def domain_literals(spec: Mapping[str, Any]) -> frozenset[str]:
+    """Returns the domains that the pod template of a Deployment's or Job's spec names."""
+    return frozenset(value for _, value in _literals(spec))
+
+
 def _literals(spec: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     pod = pod_spec(spec)
     for place in _PLACES:

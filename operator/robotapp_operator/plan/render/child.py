@@ -9,8 +9,9 @@ from robotapp_operator.plan.spec.desired import App, Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
 DEPLOYMENT: Final = "Deployment"
+JOB: Final = "Job"
 SERVICE: Final = "Service"
-_API_VERSIONS: Final = {DEPLOYMENT: "apps/v1", SERVICE: "v1"}
+_API_VERSIONS: Final = {DEPLOYMENT: "apps/v1", JOB: "batch/v1", SERVICE: "v1"}
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

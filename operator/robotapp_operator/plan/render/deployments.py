@@ -1,11 +1,11 @@
-"""One Deployment per component per instance."""
+"""One Deployment per component per instance, or one Job for a component that ends."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import Annotation
-from robotapp_operator.plan.render.child import DEPLOYMENT, Child, component_labels, selector
+from robotapp_api.model.app.component import Component, Job
+from robotapp_api.model.names import QUEUE_NAME, Annotation
+from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, Child, component_labels, selector
 from robotapp_operator.plan.render.devices.resource_claim import name_claim
 from robotapp_operator.plan.render.parameters import NONE, ParameterState
 from robotapp_operator.plan.render.pod_template import pod_template
@@ -28,6 +28,8 @@ def component_deployments(
     """
     children = []
     for component in desired.app.spec.components:
+        if component.job is not None:
+            continue
         state, starts = parameters.get(component.name, NONE), master_starts.get(component.name, "")
         template = pod_template(component, desired, domain=domain, state=state, master_starts=starts)
         if component.name in claiming:
@@ -35,6 +37,54 @@ def component_deployments(
         is_running = running and component.name not in waiting
         children.append(_deployment(component, desired, template, state=state, running=is_running))
     return children
+
+
+def component_jobs(
+    desired: Desired,
+    *,
+    domain: Domain | None,
+    parameters: Mapping[str, ParameterState],
+    running: bool,
+    waiting: Collection[str] = (),
+    ended: Collection[str] = (),
+    claiming: Collection[str] = (),
+) -> list[Child]:
+    """Returns the Jobs of the components that end. ended: those whose job has ended, so that it needs no device any more."""
+    children = []
+    for component in desired.app.spec.components:
+        if component.job is None:
+            continue
+        template = pod_template(component, desired, domain=domain, state=parameters.get(component.name, NONE))
+        if component.name in claiming:
+            template = name_claim(template, component, claim=desired.name_of(component.name))
+        is_running = running and component.replicas > 0 and component.name not in {*waiting, *ended}
+        if desired.app.queue and not is_running and component.name not in ended:
+            continue  # kueue would resume a Job that we suspend: one that must not run is deleted
+        children.append(_job(component, desired, component.job, template, running=is_running))
+    return children
+
+
+def _job(component: Component, desired: Desired, job: Job, template: dict[str, Any], *, running: bool) -> Child:
+    """A pod that was evicted, preempted or lost with its node is no failure of the program; and no second one is made while it may run."""
+    lost = {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]}
+    spec: dict[str, Any] = {
+        "suspend": not running or bool(desired.app.queue),
+        "completions": 1,
+        "parallelism": 1,
+        "backoffLimit": job.backoff_limit,
+        "podReplacementPolicy": "Failed",
+        "podFailurePolicy": {"rules": [lost]},
+        "template": {**template, "spec": {**template["spec"], "restartPolicy": "Never"}},
+    }
+    queue = {QUEUE_NAME: desired.app.queue} if desired.app.queue else {}
+    if job.active_deadline_seconds is not None:
+        spec["activeDeadlineSeconds"] = job.active_deadline_seconds
+    return Child(
+        ref=ChildRef(JOB, desired.name_of(component.name)),
+        labels=component_labels(desired, component.name) | queue,
+        spec=spec,
+        annotations={Annotation.RUN_HASH.value: desired.app.run_hashes[component.name]},
+    )
 
 
 def _deployment(

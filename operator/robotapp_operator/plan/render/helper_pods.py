@@ -19,7 +19,6 @@ from robotapp_api.values.placement.component_nodes import (
     tier_terms,
 )
 from robotapp_api.values.placement.tiers import ROBOT
-from robotapp_api.values.references import reference_values
 from robotapp_operator.plan.render.child import instance_labels, selector
 from robotapp_operator.plan.render.node_affinity import (
     disconnect_tolerations,
@@ -79,15 +78,13 @@ def render_helper(
     annotations = _share_entries(desired, "annotations") | template.metadata.annotations
     metadata = {
         "labels": {
-            **expand_labels(
-                _share_entries(desired, "labels") | template.metadata.labels, reference_values(desired.robot)
-            ),
+            **expand_labels(_share_entries(desired, "labels") | template.metadata.labels, desired.instance_values),
             **labels,
         },
         **({"annotations": annotations} if annotations else {}),
     }
     written = {name: plain for name, value in spec.items() if (plain := unpacked(value)) not in (None, [], {}, "")}
-    return {"metadata": metadata, "spec": expand_pod(written, reference_values(desired.robot))}
+    return {"metadata": metadata, "spec": expand_pod(written, desired.instance_values)}
 
 
 def _render_container(desired: Desired, container: Mapping[str, Any], image_of: Component | None) -> dict[str, Any]:
@@ -192,7 +189,7 @@ def _choose_node_affinity(desired: Desired, *, home: str, node: str, alone: bool
     if node:
         return require_node(node)
     components = desired.app.ros_components
-    if not desired.robot:
+    if not desired.robot_name:
         if any(component.runs_on for component in components) and not any(
             may_be_on_robot(component.runs_on, "") for component in components
         ):
@@ -200,7 +197,7 @@ def _choose_node_affinity(desired: Desired, *, home: str, node: str, alone: bool
         free = {"key": Label.ROBOT.value, "operator": "DoesNotExist"}
         only_robots = all(component.runs_on == (ROBOT,) for component in components)
         return {} if only_robots else _prefer_nodes(free)
-    own_or_none = required_nodes(tier_terms((), desired.robot))
+    own_or_none = required_nodes(tier_terms((), desired.robot_name))
     if not home:
         return own_or_none
     if alone and any(component.runs_on == (ROBOT,) for component in components):

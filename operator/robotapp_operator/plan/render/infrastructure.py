@@ -74,7 +74,7 @@ def _server(desired: Desired, index: int, *, running: bool) -> Child:
     if desired.app.helper_defaults.ip_family == IPV6:
         _listen_on_ipv6(container)
     # The first server stays with the robot, so that its components find each other while it is out of reach.
-    home = desired.robot if index == 0 else ""
+    home = desired.robot_name if index == 0 else ""
     identity = {"hostname": desired.server_hosts[index], "subdomain": desired.servers_service}
     template = render_helper(desired, container, labels, home=home, identity=identity)
     return _deployment(desired, SERVERS[index], labels, template, running=running)
@@ -112,7 +112,7 @@ def _router(desired: Desired, *, running: bool) -> list[Child]:
         headless=False,
     )
     image_of = None if desired.app.helper_image else first
-    template = render_helper(desired, container, labels, home=desired.robot, image_of=image_of)
+    template = render_helper(desired, container, labels, home=desired.robot_name, image_of=image_of)
     return [_deployment(desired, ROUTER, labels, template, running=running), service]
 
 
@@ -137,7 +137,7 @@ def _master(desired: Desired, *, running: bool) -> list[Child]:
         headless=True,
     )
     node = desired.app.spec.placement.master_node
-    template = render_helper(desired, container, labels, home=desired.robot, node=node)
+    template = render_helper(desired, container, labels, home=desired.robot_name, node=node)
     return [_deployment(desired, MASTER, labels, template, running=running), service]
 
 

@@ -19,6 +19,7 @@ class AppInstanceSpec(msgspec.Struct, rename="camel", kw_only=True, frozen=True)
     app_uid: str = msgspec.field(default="", name="appUID")
     instance: str = ""
     robot: str = ""
+    matrix: dict[str, str] = {}
 
 
 class AppInstance(msgspec.Struct, rename="camel", kw_only=True):
@@ -48,7 +49,7 @@ def wanted_object(app: App, instance: str) -> dict[str, Any]:
             "labels": _labels(app, instance),
             "ownerReferences": [owner],
         },
-        "spec": msgspec.to_builtins(_spec(app, instance)),
+        "spec": {key: value for key, value in msgspec.to_builtins(_spec(app, instance)).items() if value != {}},
     }
 
 
@@ -64,6 +65,9 @@ def is_as_wanted(item: AppInstance, app: App, instance: str) -> bool:
 
 
 def _spec(app: App, instance: str) -> AppInstanceSpec:
+    if app.spec.matrix is not None:
+        values = app.sweep[instance].values if instance in app.sweep else {}
+        return AppInstanceSpec(app=app.name, app_uid=app.uid, instance=instance, matrix=dict(values))
     return AppInstanceSpec(app=app.name, app_uid=app.uid, instance=instance, robot=instance)
 
 

@@ -33,7 +33,7 @@ def _keeps_pods(component: Component, desired: Desired) -> bool:
     if (
         not component.on_disconnect
         and not desired.app.our_scheduler
-        and may_be_on_robot(component.runs_on, desired.robot)
+        and may_be_on_robot(component.runs_on, desired.robot_name)
     ):
         return True
     return on_disconnect(component.runs_on, component.on_disconnect) == KEEP
@@ -42,8 +42,8 @@ def _keeps_pods(component: Component, desired: Desired) -> bool:
 def tolerations(component: Component, desired: Desired) -> list[dict[str, Any]]:
     """The component's own, then robots' taints where it may run there, then how long it stays on a lost node."""
     result = [*component.template.spec.tolerations]
-    if may_be_on_robot(component.runs_on, desired.robot):
-        result += robot_tolerations(desired.robot)
+    if may_be_on_robot(component.runs_on, desired.robot_name):
+        result += robot_tolerations(desired.robot_name)
     return result + disconnect_tolerations(None if _keeps_pods(component, desired) else int(desired.app.grace_s))
 
 
@@ -121,7 +121,7 @@ def _toleration(written: Mapping[str, Any]) -> Toleration:
 def _node_terms(component: Component, desired: Desired) -> list[list[dict[str, Any]]]:
     """Which tiers are allowed, and for other schedulers which hardware."""
     common: list[dict[str, Any]] = [] if desired.app.our_scheduler else list(_hardware(component))
-    terms = tier_terms(component.runs_on, desired.robot)
+    terms = tier_terms(component.runs_on, desired.robot_name)
     if not terms:
         return [common] if common else []
     return [[*term, *common] for term in terms]

@@ -68,10 +68,10 @@ def parameter_paths(component: Component, state: ParameterState) -> list[str]:
     return [f"{PARAMETERS_PATH}/{_name(position)}" for position in present]
 
 
-def parameter_annotations(component: Component, state: ParameterState) -> dict[str, str]:
+def parameter_annotations(component: Component, desired: Desired, state: ParameterState) -> dict[str, str]:
     """The inline files, and the hashes that roll the pod when a ConfigMap or Secret changes."""
     inline = {
-        _annotation(position): file.inline
+        _annotation(position): expand(file.inline, desired.matrix_variables)
         for position, file in enumerate(component.parameters)
         if file.inline is not None
     }

@@ -43,7 +43,7 @@ def pod_template(
 ) -> dict[str, Any]:
     """Labels, annotations and spec of the component's pods. master_starts: those for which they were restarted."""
     template = component.template.spec
-    annotations = component.template.metadata.annotations | parameter_annotations(component, state)
+    annotations = component.template.metadata.annotations | parameter_annotations(component, desired, state)
     if domain is not None and domain.claim and desired.app.uses_ros(component):
         annotations[Annotation.DOMAIN_CLAIM.value] = domain.claim  # spares the scheduler a search
     if master_starts:
@@ -153,8 +153,9 @@ def _pod_environment(component: Component, desired: Desired, *, domain: Domain |
     return [
         {"name": "ROBOTAPP_APP", "value": desired.app.name},
         {"name": INSTANCE_VARIABLE, "value": desired.robot},
-        {"name": ROBOT_VARIABLE, "value": desired.robot},
+        {"name": ROBOT_VARIABLE, "value": desired.robot_name},
         {"name": "ROBOTAPP_COMPONENT", "value": desired.app.written_name(component.name)},
+        *({"name": name, "value": value} for name, value in desired.matrix_variables.items()),
         *device_variables(component),
         *_replica_environment(component, desired),
         *(_ros_environment(component, desired, domain=domain) if desired.app.uses_ros(component) else ()),

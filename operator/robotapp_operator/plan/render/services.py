@@ -3,7 +3,6 @@
 from typing import Any, Final
 
 from robotapp_api.model.app.service import ComponentService, ServicePort
-from robotapp_api.values.references import reference_values
 from robotapp_operator.plan.render.child import (
     SERVICE,
     Child,
@@ -91,7 +90,7 @@ def _component_service(desired: Desired, component: str, service: ComponentServi
     }
     return Child(
         ref=ChildRef(SERVICE, desired.name_of(component)),
-        labels=expand_labels(service.metadata.labels, reference_values(desired.robot)) | labels,
+        labels=expand_labels(service.metadata.labels, desired.instance_values) | labels,
         annotations=service.metadata.annotations,
         spec=spec,
     )

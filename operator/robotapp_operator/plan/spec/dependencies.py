@@ -1,18 +1,25 @@
 """Components that wait for others (dependsOn): they start when these are ready, and run on when these cease to be."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
 
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment, Pod
+from robotapp_operator.plan.spec.objects import Deployment, Job, Pod
+
+NO_JOBS: Final[Mapping[str, Job]] = {}
 
 
 def unmet_dependencies(
-    app: App, deployments: Iterable[Deployment], pods: Mapping[str, Sequence[Pod]] | None = None
+    app: App,
+    deployments: Iterable[Deployment],
+    pods: Mapping[str, Sequence[Pod]] | None = None,
+    jobs: Mapping[str, Job] = NO_JOBS,
 ) -> dict[str, tuple[str, ...]]:
     """Returns, by component that must not start yet, the components it waits for. deployments: of one instance.
 
     A component whose Deployment has pods has started. One that was stopped, by `suspend` for example, waits again.
+    jobs: by component, those of today's spec.
     pods: by their Deployment's uid; None where they are not known. They are looked at as well, because the status of a Deployment
     that is started anew may still count the pods it had before.
     """
@@ -23,14 +30,22 @@ def unmet_dependencies(
         for item in deployments
         if item.metadata.controller_uid == app.uid
     }
-    reached = {"Ready": {name for name, item in by_component.items() if _is_ready(item, pods)}}
+    reached = {
+        "Ready": {name for name, item in by_component.items() if _is_ready(item, pods)},
+        "Complete": {name for name, job in jobs.items() if job.is_complete},
+    }
     unmet: dict[str, tuple[str, ...]] = {}
     for component in app.spec.components:
-        own = by_component.get(component.name)
-        if own is None or own.replicas == 0:
+        if not _has_started(component.name, by_component, jobs):
             names = tuple(each.component for each in component.depends_on if each.component not in reached[each.status])
             unmet |= {component.name: names} if names else {}
     return unmet
+
+
+def _has_started(component: str, deployments: Mapping[str, Deployment], jobs: Mapping[str, Job]) -> bool:
+    if component in jobs:
+        return jobs[component].may_run or jobs[component].verdict is not None
+    return component in deployments and deployments[component].replicas > 0
 
 
 def _is_ready(deployment: Deployment, pods: Mapping[str, Sequence[Pod]] | None) -> bool:
@@ -45,4 +60,14 @@ def describe_wait(app: App, names: Sequence[str]) -> str:
         return ""
     suspended = {component.name for component in app.spec.components if component.replicas == 0}
     listed = [f"{name} (suspended by replicas: 0)" if name in suspended else name for name in names]
-    return f"waits until {' and '.join(listed)} {'is' if len(names) == 1 else 'are'} Ready (dependsOn)"
+    jobs = {component.name for component in app.spec.components if component.job is not None}
+    states = {True: "Complete", False: "Ready"}
+    groups = [
+        [item for item, name in zip(listed, names, strict=True) if (name in jobs) is ends] for ends in (False, True)
+    ]
+    parts = [
+        f"{' and '.join(group)} {'is' if len(group) == 1 else 'are'} {states[ends]}"
+        for ends, group in zip((False, True), groups, strict=True)
+        if group
+    ]
+    return f"waits until {' and '.join(parts)} (dependsOn)"

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from datetime import timedelta
 from typing import Any, Final, NamedTuple
 
+import msgspec
+
 from robotapp_api.checks.replicas import expand_spec
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
@@ -18,12 +20,16 @@ from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.ros import Discovery, Ros1, Ros2
 from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.app.template import HelperContainer, HelperTemplate
+from robotapp_api.model.base import dump
 from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE, RECORDER_IMAGE
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.references import Values, reference_values
 from robotapp_api.values.replicas import NumberedReplica, find_replicas
+from robotapp_api.values.sweeps.matrix import MatrixInstance, expand_matrix, list_variables
+from robotapp_claims.rules.instances import CompletionRules, completion_rules_of
+from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.covers import content_hash
 
@@ -112,6 +118,8 @@ class App:
     unknown_fields: tuple[str, ...] = ()
     """Fields of the stored spec that a later version brought."""
     abilities: Abilities = NO_ABILITIES
+    queue: str = ""
+    """Queue of kueue that the app's Jobs wait in (a label of the RobotApp); "" for none. Then kueue alone suspends and resumes them."""
     overrides: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     """By component: the overrides that made the spec what it is for one robot."""
     spec_with_replicas: RobotAppSpec | None = None
@@ -140,7 +148,19 @@ class App:
     def reference_values(self, component: str, robot: str) -> Values:
         """Returns what is expanded in the pods of a component for this robot."""
         replica = self.replicas.get(component)
-        return reference_values(robot, replica.ordinal if replica else None)
+        return reference_values(robot, replica.ordinal if replica else None, matrix=self.matrix_variables(robot))
+
+    @functools.cached_property
+    def sweep(self) -> Mapping[str, MatrixInstance]:
+        """The instances of the app's sweep by their names, in the order of its values; {} without a matrix."""
+        matrix = dump(self.spec.matrix) if self.spec.matrix else None
+        return {instance.name: instance for instance in expand_matrix(matrix)}
+
+    def matrix_variables(self, instance: str) -> Values | None:
+        """Returns the variables with the values of an instance of a sweep; None for an app without a matrix."""
+        if self.spec.matrix is None:
+            return None
+        return list_variables(self.sweep[instance].values) if instance in self.sweep else {}
 
     @property
     def services(self) -> Mapping[str, ComponentService]:
@@ -174,6 +194,44 @@ class App:
     def orders_starts(self) -> bool:
         """Whether a component waits for another one."""
         return any(component.depends_on for component in self.spec.components)
+
+    @property
+    def has_jobs(self) -> bool:
+        """Whether a component ends."""
+        return any(component.job is not None for component in self.spec.components)
+
+    @functools.cached_property
+    def completion_rules(self) -> CompletionRules | None:
+        """When instances end, None for those that run on. Recordings end with the others."""
+        if not self.has_jobs:
+            return None
+        recordings = {recording.name for recording in self.spec.recordings}
+        parts = [component for component in self.spec.components if component.name not in recordings]
+        body: dict[str, Any] = {
+            "components": [
+                {"name": part.name, "replicas": part.replicas, "job": None if part.job is None else {}}
+                for part in parts
+            ],
+            "completion": dump(self.spec.completion) if self.spec.completion else None,
+        }
+        return completion_rules_of(msgspec.convert({"metadata": {}, "spec": body}, ClaimsApp))
+
+    @functools.cached_property
+    def run_hashes(self) -> Mapping[str, str]:
+        """Hash of what the user wrote about the run of each component with job, by its name: another one runs the job again.
+
+        Left out is what decides when it starts and for how long: how often a failed one is tried, and what it waits for.
+        """
+        return {
+            part.name: content_hash(
+                [
+                    self.distro,
+                    part.model_dump(mode="json", exclude_defaults=True, exclude={"job", "depends_on", "replicas"}),
+                ]
+            )
+            for part in self.spec.components
+            if part.job is not None
+        }
 
     @property
     def edges_in_use(self) -> tuple[Edge, ...]:
@@ -273,6 +331,7 @@ class App:
             "suspend": True,
             "update": True,
             "edges": True,
+            "matrix": True,  # an instance is named after its values, and further ones are no edit of it
             "overrides": True,  # what they change is in the components already
             "recordings": True,  # they are components already
             "ros2": {"domain", "pool", "share_with"},
@@ -303,6 +362,21 @@ class Desired:
     distro: str
     discovery: str
     transport: str = "Auto"
+
+    @property
+    def robot_name(self) -> str:
+        """The robot of the instance; "" without robots and for an instance of a sweep."""
+        return "" if self.app.spec.matrix else self.robot
+
+    @property
+    def matrix_variables(self) -> Values:
+        """The variables with the values of an instance of a sweep; {} for other instances."""
+        return self.app.matrix_variables(self.robot) or {}
+
+    @property
+    def instance_values(self) -> Values:
+        """What is expanded in pods and Services that belong to no component."""
+        return self.app.reference_values("", self.robot)
 
     def values_of(self, component: str) -> Values:
         """Returns what is expanded in the pods of a component."""
@@ -356,7 +430,9 @@ class Desired:
         if self.discovery == "Server":
             return self.server_names
         if self.discovery == "Peers":
-            return tuple(name for name in self.peer_names if not name.startswith(f"{component}."))
+            ended = {f"{part.name}.{self.peers_service}" for part in self.app.ros_components if part.job is not None}
+            names = (name for name in self.peer_names if not name.startswith(f"{component}."))
+            return tuple(name for name in names if name not in ended)
         return ()
 
 

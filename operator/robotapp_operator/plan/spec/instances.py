@@ -45,6 +45,8 @@ def open_robots(app: App, nodes: Mapping[str, Node]) -> list[Meta]:
 
 def robot_selection_of(app: App) -> RobotSelection:
     robots = app.spec.robots
+    if app.spec.matrix is not None:
+        return RobotSelection(app.uid, app.namespace, combinations=tuple(app.sweep))
     if robots is None:
         return RobotSelection(app.uid, app.namespace)
     return RobotSelection(app.uid, app.namespace, dump(robots.node_selector), robots.assignment)

@@ -8,10 +8,10 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.placement.round_trips import Rtt
 from robotapp_claims.rules import objects as claims
-from robotapp_claims.rules.instances import robot_of
+from robotapp_claims.rules.instances import JobState, robot_of
 from robotapp_claims.rules.objects import TelemetryDevice
 
 _LABELS: Final = frozenset(label.value for label in Label)
@@ -107,6 +107,51 @@ class Deployment(Spec):
         """Whether it has so many pods, all of the newest template."""
         current = self.status.observed_generation >= self.metadata.generation
         return current and self.status.updated_replicas == replicas == self.status.replicas
+
+
+class JobStatus(Struct):
+    conditions: list[ObjectCondition] = []
+
+
+class Job(Spec):
+    """The Job of a component that ends."""
+
+    status: JobStatus = msgspec.field(default_factory=JobStatus)
+
+    @property
+    def verdict(self) -> ObjectCondition | None:
+        """The condition Complete or Failed of a job that has ended; its pods have ended then, too."""
+        finals = (claims.COMPLETE, claims.FAILED)
+        return next((one for one in self.status.conditions if one.type in finals and one.status == "True"), None)
+
+    @property
+    def is_complete(self) -> bool:
+        return self.verdict is not None and self.verdict.type == claims.COMPLETE
+
+    @property
+    def is_suspended(self) -> bool:
+        """Whether it starts no pod for now."""
+        return self.spec.get("suspend") is True
+
+    @property
+    def is_deleting(self) -> bool:
+        return self.metadata.deletion_timestamp is not None
+
+    @property
+    def may_run(self) -> bool:
+        """Whether it has a pod, or will have one."""
+        return self.verdict is None and not self.is_suspended
+
+    @property
+    def state(self) -> JobState:
+        """What the claim rules read of it."""
+        generation = self.metadata.annotations.get(Annotation.APP_GENERATION, "")
+        return JobState(
+            created=self.metadata.creation_timestamp or "",
+            generation=int(generation) if generation.isdecimal() else 0,
+            verdict=self.verdict.type if self.verdict else "",
+            ended=(self.verdict.last_transition_time or "") if self.verdict else "",
+        )
 
 
 def pod_spec(deployment: Mapping[str, Any]) -> Mapping[str, Any]:

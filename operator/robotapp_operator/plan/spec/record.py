@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from robotapp_api.checks.size import size_problem
 from robotapp_api.model.app.robotapp import RobotAppSpec
-from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Reason
+from robotapp_api.model.names import QUEUE_NAME, SCHEDULER_NAME, Annotation, Reason
 from robotapp_api.values.recordings.components import add_recorders
 from robotapp_operator.plan.spec.desired import NO_ABILITIES, NO_SETTINGS, Abilities, App, HelperDefaults
 from robotapp_operator.plan.spec.objects import version_number
@@ -43,7 +43,7 @@ class Record:
     @property
     def spec_version(self) -> tuple[object, ...]:
         """Changes when anything but the status does."""
-        return self.generation, self.deleting, self.app.annotations if self.app else None
+        return self.generation, self.deleting, (self.app.annotations, self.app.queue) if self.app else None
 
 
 def parse_record(
@@ -57,10 +57,11 @@ def parse_record(
     """`known` of the same generation lends its parsed spec: a status write must not cost a validation."""
     meta = body.get("metadata") or {}
     annotations = {key: value for key, value in (meta.get("annotations") or {}).items() if key in _READ}
+    queue = (meta.get("labels") or {}).get(QUEUE_NAME, "")
     app: App | None = None
     problems: tuple[Problem, ...] = ()
     if known and known.uid == meta.get("uid") and known.generation == meta.get("generation"):
-        app = dataclasses.replace(known.app, annotations=annotations) if known.app else None
+        app = dataclasses.replace(known.app, annotations=annotations, queue=queue) if known.app else None
         problems = known.problems
     elif isinstance(spec := _parse_spec(body.get("spec") or {}), RobotAppSpec):
         app = App(
@@ -75,6 +76,7 @@ def parse_record(
             helper_defaults=helper_defaults,
             unknown_fields=find_unknown_fields(spec, body["spec"]),
             abilities=abilities,
+            queue=queue,
         )
     else:
         problems = spec

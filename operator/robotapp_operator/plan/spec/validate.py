@@ -17,7 +17,7 @@ from robotapp_api.values.component_references import (
 )
 from robotapp_api.values.overrides import merge_component, select_overrides
 from robotapp_api.values.references import has_reference, reference_values
-from robotapp_claims.rules.domain import DomainRequest, withheld
+from robotapp_claims.rules.domain import DomainRequest, pool_ids, quota_of, withheld
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import closed_nodes, robot_of
 from robotapp_claims.rules.objects import Claim, Pool
@@ -79,12 +79,30 @@ def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
     found = [*map(str, spec_notes(app.written, our_scheduler=app.our_scheduler)), *_of_other_schedulers(app)]
     if pool is not None and (note := limit_note(pool)):
         found.append(note)
+    if pool is not None and (note := _sweep_note(app, pool)):
+        found.append(note)
     if app.unknown_fields:
         found.append(
             f"{', '.join(app.unknown_fields)}: without effect, because this operator is older than the CRD that has "
             f"{'it' if len(app.unknown_fields) == 1 else 'them'}: run the operator of that version, or remove what you wrote there"
         )
     return tuple(found)
+
+
+def _sweep_note(app: App, pool: Pool) -> str:
+    """That fewer instances of a sweep run at once than are to, because each takes a domain; "" where all have one."""
+    isolation = app.spec.ros2.isolation if app.spec.ros2 else "Domain"
+    if app.spec.matrix is None or app.ros_version != 2 or app.share_with or isolation != "Domain":
+        return ""
+    quota, ids = quota_of(pool, app.namespace), len(pool_ids(pool))
+    limit = ids if quota is None else min(ids, quota)
+    count = min(app.spec.matrix.parallelism, len(app.sweep))
+    if count <= limit:
+        return ""
+    return (
+        f"spec.matrix.parallelism: {count} instances at once take a domain each, and DomainPool {pool.metadata.name} has {limit} for namespace "
+        f"{app.namespace}, so the others wait until one is free; write parallelism: {max(1, limit)}, or ask for a larger pool or quota"
+    )
 
 
 def _of_other_schedulers(app: App) -> Iterator[str]:

@@ -6,11 +6,13 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple, Protocol
 
-from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.model.names import QUEUE_NAME, Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
+from robotapp_claims.rules.instances import Ending
 from robotapp_operator.plan.spec.objects import (
     ContainerStatus,
     Deployment,
+    Job,
     ObjectCondition,
     Pod,
     Terminated,
@@ -31,6 +33,7 @@ _PULLING = frozenset(
 _CONFIG = frozenset({"CreateContainerConfigError", "CreateContainerError"})
 _NOT_STARTED: Final = frozenset({"RunContainerError", "StartError", "ContainerCannotRun"})
 """The program could not be started at all: while the kubelet tries, in containerd's and in Docker's last state."""
+_WRITE_JOB: Final = "its program ends by itself, and a component runs on: write job: {} in it if it is to end"
 _RUNTIME_STEPS: Final = ("unable to start container process: ", "error during container init: ")
 
 
@@ -54,6 +57,10 @@ class ComponentView:
     """Its spec has replicas: 0."""
     waits: bool = False
     """It is not started before others are ready (dependsOn)."""
+    is_job: bool = False
+    """Its program ends."""
+    completed: bool = False
+    """Its program has ended with exit code 0, as it should."""
 
     @property
     def node(self) -> str:
@@ -62,7 +69,7 @@ class ComponentView:
     @property
     def badness(self) -> int:
         """0 for ready; worst is what fails by itself, then what finds no node, perhaps because of that, then what starts."""
-        if self.ready or self.suspended:
+        if self.ready or self.suspended or self.completed:
             return 0
         return {None: 1, Reason.UNSCHEDULABLE: 2}.get(self.reason, 3)
 
@@ -163,6 +170,101 @@ def component_view(
         suspended=component.replicas == 0,
         waits=bool(wait),
     )
+
+
+def job_view(
+    component: Part,
+    job: Job | None,
+    pods: Sequence[Pod],
+    *,
+    missing: Sequence[str] = (),
+    lost: Sequence[str] = (),
+    barred: Collection[str] = (),
+    failures: Mapping[str, str] = NO_FAILURES,
+    wait: str = "",
+    ending: Ending | None = None,
+) -> ComponentView:
+    """Returns the view of a component with job: it is ready while its pod is, and when it has completed. ending: why its instance has ended."""
+    if job is None:
+        text = "" if ending is None else f"was not started, because the instance has ended ({ending.reason})"
+        return dataclasses.replace(_view_missing(component, wait or text), is_job=True, rolling=ending is None)
+    live = [pod for pod in pods if not pod.terminal and pod.metadata.deletion_timestamp is None]
+    completed, ready = job.is_complete, any(pod.is_ready for pod in live)
+    failed = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
+    reason: Reason | None = None
+    message = ""
+    if job.verdict is not None:
+        reason, message = (
+            (None, f"completed at {job.verdict.last_transition_time}")
+            if completed
+            else _explain_failure(job, pods, ending)
+        )
+    elif not ready:
+        reason, message = _pods_failure(pods, live, barred)
+        if reason is None and (missing or failed):
+            reason = Reason.FAILED_CREATE
+            message = failed[0] if failed else f"{'; '.join(missing)}: create it, or write optional: true"
+        away = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
+        message = message or (f"node {away[0]} is not Ready" if away else _describe_attempts(job, pods))
+    queue = job.metadata.labels.get(QUEUE_NAME, "")
+    if queue and job.is_suspended and job.verdict is None:
+        message = f"waits in queue {queue} until kueue admits it (kubectl get workloads)"
+    if component.replicas == 0 and not message:
+        message = "suspended (replicas: 0)"
+    return ComponentView(
+        name=component.name,
+        replicas=1,
+        ready=ready or completed,
+        exists=True,
+        bound=completed or (bool(live) and all(pod.spec.node_name for pod in live)),
+        rolling=False,
+        nodes=()
+        if job.verdict is not None
+        else tuple(sorted({pod.spec.node_name for pod in live if pod.spec.node_name})),
+        restarts=min(MAX_RESTARTS, sum(pod.status.phase == "Failed" for pod in pods)),
+        reason=reason,
+        message=(message or wait)[:MAX_COMPONENT_CHARACTERS],
+        given_up=_given_up(live),
+        suspended=component.replicas == 0,
+        waits=bool(wait),
+        is_job=True,
+        completed=completed,
+    )
+
+
+def _explain_failure(job: Job, pods: Sequence[Pod], ending: Ending | None) -> tuple[Reason | None, str]:
+    """Returns why a job has failed, and how it is run again. One that was ended with its instance has not failed by itself."""
+    name, verdict = job.metadata.name, job.verdict
+    is_cause = ending is None or ending.component == job.metadata.labels.get(Label.COMPONENT, "")
+    if ending is not None and not is_cause and verdict is not None and verdict.reason == "DeadlineExceeded":
+        return None, f"ended with its instance ({ending.reason})"
+    why = f"{verdict.reason}: {verdict.message}" if verdict is not None else "failed"
+    last = _last_exit(pods)
+    code = f", last with exit code {last.exit_code} ({last.reason}){_quote(last)}" if last else ""
+    return Reason.JOB_FAILED, (
+        f"{why}{code}; see kubectl logs job/{name}; an edit of the component runs the job again, and so does kubectl delete job {name}"
+    )
+
+
+def _last_exit(pods: Sequence[Pod]) -> Terminated | None:
+    """Returns how the newest container that failed has ended."""
+    ended = [
+        one.state.terminated
+        for pod in pods
+        for one in (*pod.status.init_container_statuses, *pod.status.container_statuses)
+        if one.state.terminated is not None and one.state.terminated.exit_code != 0
+    ]
+    return max(ended, key=lambda each: each.finished_at or "", default=None)
+
+
+def _describe_attempts(job: Job, pods: Sequence[Pod]) -> str:
+    """Returns how often the program of a job has failed so far; "" for the first attempt."""
+    count = sum(pod.status.phase == "Failed" for pod in pods)
+    last = _last_exit(pods)
+    if not count or last is None:
+        return ""
+    attempts = job.spec.get("backoffLimit", 0) + 1
+    return f"{count} of {attempts} attempts failed, last with exit code {last.exit_code} ({last.reason}){_quote(last)}"
 
 
 def _view_missing(component: Part, wait: str) -> ComponentView:
@@ -293,6 +395,22 @@ def _failure(
             quota = over_quota(condition.message)
             cure = "raise the quota or lower the requests" if quota else _refusal_cure(condition.message)
             return (Reason.QUOTA_REFUSED if quota else Reason.FAILED_CREATE), f"{condition.message}; {cure}"
+    reason, message = _pods_failure(pods, live, barred)
+    return (reason, message) if reason is not None else (_explain_end(live) or (None, message))
+
+
+def _explain_end(live: Sequence[Pod]) -> tuple[Reason, str] | None:
+    """Returns what is wrong where a program that should run on has ended with exit code 0, None where none has."""
+    for pod in live:
+        for container in pod.status.container_statuses:
+            ended = container.state.terminated
+            if ended is not None and ended.exit_code == 0 and ended.reason not in _NOT_STARTED:
+                return Reason.PROGRAM_ENDED, f"{container.name} has ended with exit code 0{_quote(ended)}; {_WRITE_JOB}"
+    return None
+
+
+def _pods_failure(pods: Sequence[Pod], live: Sequence[Pod], barred: Collection[str]) -> tuple[Reason | None, str]:
+    """Returns why pods are not ready: containers first, then scheduling."""
     for pod in live:
         for container in (*pod.status.init_container_statuses, *pod.status.container_statuses):
             found = _container_failure(container)
@@ -380,6 +498,6 @@ def _explain_crash(container: ContainerStatus) -> tuple[Reason, str]:
     if last and last.reason == "OOMKilled":
         cure = "raise resources.limits.memory"
     elif last and last.exit_code == 0:
-        cure = "its program ends by itself, and a component must run on: a program that ends is a Job"
+        cure = _WRITE_JOB
     text = f"{container.name} restarted {container.restart_count} times, last with {code}{_quote(last)}; {cure}"
     return Reason.CRASH_LOOP, text

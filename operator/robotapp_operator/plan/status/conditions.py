@@ -15,6 +15,7 @@ from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_operator.plan.status.troubled import (
     cut_off_text,
     edge_text,
+    explain_ending,
     explain_helpers,
     given_up_texts,
     lost_text,
@@ -52,11 +53,30 @@ def ready(facts: AppFacts) -> Verdict:
         return Verdict("False", Reason.SUSPENDED, "suspended; set spec.suspend: false to start the pods")
     if facts.app.suspended:
         return Verdict("False", Reason.SUSPENDED, "every component is suspended; set replicas: 1 to start its pod")
+    if facts.ended:
+        return _ended(facts)
     total = sum(len(instance.wanted) for instance in facts.instances)
     up = sum(component.ready for instance in facts.instances for component in instance.wanted)
-    if facts.instances and all(instance.ready for instance in facts.instances):
+    running = [instance for instance in facts.instances if instance.ending is None or not instance.ending.is_success]
+    if running and all(instance.ready for instance in running):
         return Verdict("True", Reason.ALL_READY, f"{count_of(up, total, 'component')} ready")
     return Verdict("False", *_why_not_ready(facts, up, total))
+
+
+def _ended(facts: AppFacts) -> Verdict:
+    """Returns what has become of an app all of whose instances have ended."""
+    endings = [(instance, instance.ending) for instance in facts.instances if instance.ending is not None]
+    failed = [(instance, ending) for instance, ending in endings if not ending.is_success]
+    if not failed:
+        last = max(ending.time for _, ending in endings)
+        return Verdict(
+            "False", Reason.COMPLETED, f"{count_of(len(endings), len(endings), 'instance')} completed at {last}"
+        )
+    instance, ending = failed[0]
+    text = _named(facts, instance, explain_ending(instance, ending))
+    return Verdict(
+        "False", ending.reason, f"{count_of(len(failed), len(endings), 'instance', 'has', 'have')} failed; {text}"
+    )
 
 
 def accepted(facts: AppFacts) -> Verdict:
@@ -191,6 +211,8 @@ def placed(facts: AppFacts) -> Verdict:
         return _not_accepted(facts)
     if facts.app.suspended:
         return Verdict("Unknown", Reason.SUSPENDED, "no pods while suspended")
+    if facts.ended:
+        return Verdict("Unknown", _ended(facts).reason, "no pods: every instance has ended")
     parts = [component for instance in facts.instances for component in instance.wanted]
     bound = sum(component.bound for component in parts)
     for instance in facts.instances:
@@ -228,6 +250,8 @@ def budget_met(facts: AppFacts) -> Verdict:
     planned = sum(edge.latency is not None for edge in facts.app.edges_in_use)
     if planned and facts.app.suspended:
         return Verdict("Unknown", Reason.SUSPENDED, "nothing is measured while suspended")
+    if planned and facts.ended:
+        return Verdict("Unknown", _ended(facts).reason, "nothing is measured: every instance has ended")
     if planned and not edges:
         return Verdict(
             "Unknown",
@@ -277,7 +301,7 @@ def progressing(facts: AppFacts) -> Verdict:
         text = f"the newest templates cannot be written: {stuck.trouble[1]}"
         return Verdict("False", stuck.trouble[0], _named(facts, stuck, text))
     blocked = [instance for instance in facts.instances if _blocked(instance)]
-    going = [instance for instance in facts.instances if not _blocked(instance)]
+    going = [instance for instance in facts.instances if not _blocked(instance) and instance.ending is None]
     rolling = [component.name for instance in going for component in instance.components if component.rolling]
     if not facts.instances:
         return Verdict("True", Reason.ROLLING_OUT, "no instance yet")
@@ -370,6 +394,7 @@ def _missing(edge: EdgeView) -> str:
 def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
     """Why the instance that needs attention most is not ready."""
     waiting = [instance for instance in facts.instances if not instance.ready]
+    waiting = [one for one in waiting if one.ending is None or not one.ending.is_success]
     readiness = f"{count_of(up, total, 'component')} ready"
     if not waiting:
         return Reason.COMPONENTS_NOT_READY, f"{readiness}; no instance yet"

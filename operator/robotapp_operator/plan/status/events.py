@@ -37,7 +37,9 @@ NOT_ALLOCATED: Final = frozenset(
     }
 )
 _ALLOCATED: Final = Condition.ALLOCATED.value
-_FAILED = frozenset({Reason.FAILED_CREATE, Reason.QUOTA_REFUSED, Reason.IMAGE_PULL, Reason.CRASH_LOOP})
+_FAILED = frozenset(
+    {Reason.FAILED_CREATE, Reason.QUOTA_REFUSED, Reason.IMAGE_PULL, Reason.CRASH_LOOP, Reason.PROGRAM_ENDED}
+)
 
 
 class _Turn(NamedTuple):
@@ -58,6 +60,8 @@ TURNS = (
     _Turn(Condition.ALLOCATED, reasons=NOT_ALLOCATED),
     _Turn(Condition.READY, EventReason.CHILD_FAILED, reasons=_FAILED),
     _Turn(Condition.READY, reasons=frozenset({Reason.ROBOT_NOT_READY, Reason.ROBOT_OFFLINE})),
+    _Turn(Condition.READY, warning=False, reasons=frozenset({Reason.COMPLETED})),
+    _Turn(Condition.READY, reasons=frozenset({Reason.JOB_FAILED, Reason.DEADLINE_EXCEEDED})),
     _Turn(Condition.PLACED, warning=False, status="True"),
     _Turn(Condition.PLACED, EventReason.NODE_REJECTED, reasons=frozenset({Reason.UNSCHEDULABLE})),
     _Turn(Condition.PROGRESSING, reasons=frozenset({Reason.NEWER_VERSION})),

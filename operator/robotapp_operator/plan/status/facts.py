@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from robotapp_api.model.names import Reason
-from robotapp_claims.rules.instances import Instance
+from robotapp_claims.rules.instances import Ending, Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.links import LinkView
@@ -36,6 +36,8 @@ class InstanceFacts:
 
     instance: Instance
     components: tuple[ComponentView, ...]
+    ending: Ending | None = None
+    """Why it has ended: its jobs have completed or failed."""
     edges: tuple[EdgeView, ...] = ()
     domain: int | None = None
     needs_domain: bool = True
@@ -81,7 +83,9 @@ class InstanceFacts:
 
     @property
     def wanted(self) -> tuple[ComponentView, ...]:
-        """Its components without those that the spec suspends."""
+        """Its components without those that the spec suspends; none of an instance that has ended."""
+        if self.ending is not None:
+            return ()
         return tuple(component for component in self.components if not component.suspended)
 
     @property
@@ -100,7 +104,7 @@ class InstanceFacts:
     @property
     def bound(self) -> bool:
         """Are all pods on nodes that exist or are being made?"""
-        begun = [component for component in self.wanted if not component.waits]
+        begun = [component for component in self.wanted if not (component.waits or component.completed)]
         return bool(begun) and all(component.bound for component in begun)
 
     @property
@@ -161,6 +165,11 @@ class AppFacts:
     bug: str = ""
     conflict: str = ""
     """What the app runs with or holds and another one holds or runs with."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether all its instances have ended."""
+        return bool(self.instances) and all(instance.ending is not None for instance in self.instances)
 
     @property
     def refused(self) -> bool:

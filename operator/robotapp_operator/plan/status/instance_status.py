@@ -35,6 +35,7 @@ OURS: Final = (
     "edges",
     "edgesOmitted",
     "claims",
+    "completionTime",
 )
 """What the operator writes, and `moves` once there is one."""
 
@@ -62,6 +63,7 @@ def render_instance(facts: AppFacts) -> dict[str, Any]:
                 "name": component.name,
                 "ready": component.ready,
                 "restarts": component.restarts,
+                **({"completed": True} if component.completed else {}),
                 **written(node=component.node, message=clip(component.message, MAX_BRIEF_BYTES)),
             }
             for component in components
@@ -69,6 +71,7 @@ def render_instance(facts: AppFacts) -> dict[str, Any]:
         **written(
             helpers=[_render_helper(helper) for helper in instance.helpers[:MAX_HELPERS]],
             domain=instance.domain,
+            completionTime=instance.ending.time if instance.ending else None,
             links=[link._asdict() for link in instance.links],
             claims=list(instance.claims[:MAX_CLAIMS]),
             moves=[{"component": name, "times": list(times)} for name, times in instance.moves],

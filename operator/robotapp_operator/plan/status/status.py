@@ -83,8 +83,14 @@ def phase(facts: AppFacts) -> Phase:
     if facts.app.suspended:
         pods = any(component.nodes for instance in facts.instances for component in instance.components)
         return Phase.STOPPING if pods else Phase.SUSPENDED
+    if facts.ended:
+        succeeded = all(instance.ending and instance.ending.is_success for instance in facts.instances)
+        return Phase.COMPLETED if succeeded else Phase.FAILED
     order = (Phase.DEGRADED, Phase.PENDING, Phase.PLACING, Phase.RUNNING)
     found = {instance_phase(instance, str(facts.previous.get("phase", ""))) for instance in facts.instances}
+    found -= {Phase.COMPLETED}  # the others decide
+    if Phase.FAILED in found:
+        return Phase.DEGRADED
     if Phase.OFFLINE in found:
         return Phase.OFFLINE if len(found) == 1 else Phase.DEGRADED
     return next((candidate for candidate in order if candidate in found), Phase.PENDING)
@@ -92,6 +98,8 @@ def phase(facts: AppFacts) -> Phase:
 
 def instance_phase(instance: InstanceFacts, before: str) -> Phase:
     """Degraded is for what ran or fails for a stated reason; what merely starts is Placing."""
+    if instance.ending is not None:
+        return Phase.COMPLETED if instance.ending.is_success else Phase.FAILED
     if instance.offline:
         return Phase.OFFLINE
     if instance.ready:
@@ -109,12 +117,16 @@ def instance_phase(instance: InstanceFacts, before: str) -> Phase:
 
 def _counts(facts: AppFacts) -> dict[str, int]:
     """A refused instance counts as failed, also while its pods of an earlier spec run on."""
+    endings = [instance.ending for instance in facts.instances]
     return {
         "desired": len(facts.instances),
         "ready": sum(instance.ready for instance in facts.instances),
         "offline": sum(instance.offline for instance in facts.instances),
-        "completed": 0,
-        "failed": sum(bool(facts.problems or instance.unclear) for instance in facts.instances),
+        "completed": sum(ending is not None and ending.is_success for ending in endings),
+        "failed": sum(
+            bool(facts.problems or instance.unclear or (instance.ending and not instance.ending.is_success))
+            for instance in facts.instances
+        ),
     }
 
 
@@ -139,6 +151,7 @@ def ready_text(facts: AppFacts) -> str:
     so many templates of a newer operator hold an edit back, and what is ready is not what the spec says.
     """
     parts = [component for instance in facts.instances for component in instance.wanted]
+    parts += [part for instance in facts.instances if instance.ending for part in instance.components if part.is_job]
     held = len(held_by_newer(facts))
     planned = sum(component.replicas > 0 for component in facts.app.spec.components)
     up = f"{sum(component.ready for component in parts)}/{len(parts) or planned}"

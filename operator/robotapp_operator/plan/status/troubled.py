@@ -10,6 +10,7 @@ from robotapp_api.model.names import ROBOT_END, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUpEdge
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import format_us, time_text
+from robotapp_claims.rules.instances import Ending
 from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.spec.text import clip, count, shown
@@ -92,6 +93,10 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
         return instance.unclear_reason, instance.unclear
     if instance.refusal or instance.trouble:
         return instance.refusal or instance.trouble
+    if instance.ending is not None:
+        return (
+            None if instance.ending.is_success else (instance.ending.reason, explain_ending(instance, instance.ending))
+        )
     if instance.ready:
         return None
     if instance.instance.missing:
@@ -106,6 +111,17 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
     if instance.grace:
         return Reason.ROBOT_NOT_READY, grace_text(instance.instance.node, instance.grace)
     return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
+
+
+def explain_ending(instance: InstanceFacts, ending: Ending) -> str:
+    """Returns why an instance has failed, and what to do."""
+    part = next((each for each in instance.components if each.name == ending.component), None)
+    if part is not None:
+        return f"{part.name}: {part.message}"
+    return (
+        f"its jobs had not completed at {ending.time}, when their time was over (spec.completion.deadline): write a longer one, and "
+        "edit or delete (kubectl delete job NAME) the jobs that are to run again"
+    )
 
 
 def explain_helpers(instance: InstanceFacts) -> tuple[Reason, str] | None:

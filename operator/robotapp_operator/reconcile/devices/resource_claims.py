@@ -12,7 +12,7 @@ from robotapp_client import AlreadyExists, ApiClient, ApiError, Conflict, NotFou
 from robotapp_client.api.resources import RESOURCECLAIMS
 from robotapp_operator.plan.render.devices.resource_claim import DeviceClaim, named_claim
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment, Pod
+from robotapp_operator.plan.spec.objects import Deployment, Job, Pod
 from robotapp_operator.plan.status.components import over_quota
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import evict
@@ -42,12 +42,12 @@ def plan_claims(
     wanted: Sequence[DeviceClaim],
     observed: Iterable[ResourceClaim],
     *,
-    deployments: Iterable[Deployment],
+    workloads: Iterable[Deployment | Job],
     pods: Iterable[Pod],
 ) -> ClaimPlan:
     """Returns the ResourceClaims of one instance to create and to delete.
 
-    A claim that is not wanted stays while a pod of its component exists, or a Deployment may still make one: the device is in use. The
+    A claim that is not wanted stays while a pod of its component exists, or a Deployment or Job may still make one: the device is in use. The
     spec of a claim never changes, so another wish is another claim of the same name; the driver refuses a device that the pod of the
     former claim still has.
     """
@@ -56,7 +56,7 @@ def plan_claims(
         for claim in observed
         if claim.metadata.controller_uid == app.uid and claim.metadata.namespace == app.namespace
     }
-    named = {named_claim(item.spec) for item in deployments if item.replicas}
+    named = {named_claim(item.spec) for item in workloads if (item.may_run if isinstance(item, Job) else item.replicas)}
     used = {pod.metadata.labels.get(Label.COMPONENT, "") for pod in pods if not pod.terminal}
     creates: list[DeviceClaim] = []
     deletes: list[ResourceClaim] = []

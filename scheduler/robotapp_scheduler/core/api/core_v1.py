@@ -401,7 +401,7 @@ class Node(Slim):
 
 
 class Owned(Slim):
-    """A ReplicaSet or Deployment: only its metadata, for the ownerReference chain pod → RobotApp."""
+    """A ReplicaSet, Deployment or Job: only its metadata, for the ownerReference chain pod → RobotApp."""
 
     metadata: Metadata = msgspec.field(default_factory=Metadata)
 

@@ -5,6 +5,8 @@ are decoded. Durations stay Go strings here and are parsed once per app in `robo
 devices are read as the claim rules read them, `robotapp_claims.rules.objects`.
 """
 
+from typing import Any
+
 import msgspec
 
 from robotapp_api.values.placement.round_trips import Rtt
@@ -38,7 +40,7 @@ class Dependency(Slim):
 
 
 class Component(Slim):
-    """One component of a RobotApp: one Deployment per instance."""
+    """One component of a RobotApp: one Deployment per instance, or one Job."""
 
     name: str = ""
     runs_on: tuple[str, ...] = ()
@@ -53,6 +55,8 @@ class Component(Slim):
     depends_on: tuple[Dependency, ...] = ()
     replicas: int = 1
     replica_identity: str = ""
+    job: dict[str, Any] | None = None
+    """The component ends."""
     on_disconnect: str = ""
 
 

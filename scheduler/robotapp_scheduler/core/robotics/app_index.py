@@ -1,7 +1,7 @@
 """RobotApps, the owner chain of their pods, and where their components are.
 
 Labels find candidates; that a pod belongs to an app is decided by its ownerReference chain
-pod → ReplicaSet → Deployment → RobotApp inside one namespace.
+pod → ReplicaSet → Deployment → RobotApp, or pod → Job → RobotApp, inside one namespace.
 """
 
 from collections import Counter
@@ -184,8 +184,10 @@ def _flows(edges: Sequence[Edge], problems: list[str]) -> Iterator[Flow]:
 
 
 def is_complete(component: Component, pods: int) -> bool:
-    """Whether so many pods are all that a component has for now: one that waits for others (dependsOn) has none until they are ready."""
-    return pods == component.replicas or (pods == 0 and bool(component.depends_on))
+    """Whether so many pods are all that a component has for now: one that waits for others (dependsOn) has none until they are ready, and
+    a job has none before its next attempt and after it has ended.
+    """
+    return pods == component.replicas or (pods == 0 and (bool(component.depends_on) or component.job is not None))
 
 
 def on_one_node(app: App, component: str) -> bool:

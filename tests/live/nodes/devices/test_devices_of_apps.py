@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from campaigns.nodes.claims import CLAIMS, RESTRICTED, events_of, wait_published
-from campaigns.nodes.real_pods import FOREVER, shell
+from campaigns.nodes.real_pods import FOREVER, pod, run, shell
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_claims.rules.device_attributes import DRIVER
 from robotapp_testbed import wait_until
@@ -27,6 +27,8 @@ DEVICES = [
 ]
 FIRST_BYTE_S = 5.0
 HANDED_ON_S = 3.0
+BARE_STARTS = 4
+"""On a busy machine a device may take as long as this many starts of a bare pod in the same minute."""
 WAITED_S = 60.0
 GIVEN_BACK_S = 120.0
 """30 s of refusals, the kubelet's pauses between them, and the looks at events of pods that wait for long."""
@@ -53,6 +55,9 @@ def namespace(cluster: RealNodes) -> Iterator[str]:
     with created(cluster, f"apps-{secrets.token_hex(3)}") as name:
         cluster.kubectl("label", "namespace", name, "pod-security.kubernetes.io/enforce=restricted")
         yield name
+        cluster.kubectl(
+            "delete", "robotapps", "--all", "-n", name, "--cascade=foreground", f"--timeout={WAITED_S:.0f}s"
+        )
 
 
 def robotapp(name: str, devices: list[Json], **component: Any) -> Json:
@@ -68,6 +73,17 @@ def robotapp(name: str, devices: list[Json], **component: Any) -> Json:
     }
     spec = {"ros": {"distro": "humble"}, "components": [driver]}
     return {"apiVersion": API_VERSION, "kind": "RobotApp", "metadata": {"name": name}, "spec": spec}
+
+
+def measure_bare_start_s(cluster: RealNodes, namespace: str) -> float:
+    """Returns how long a pod without devices takes until its first program has run: what this machine can do now."""
+    begun = time.monotonic()
+    container = {"securityContext": {"allowPrivilegeEscalation": False, "capabilities": {"drop": ["ALL"]}}}
+    run(cluster, namespace, pod("bare", "robot-1", securityContext=RESTRICTED, container=container))
+    shell(cluster, namespace, "bare", "true")
+    duration_s = time.monotonic() - begun
+    cluster.kubectl("delete", "pod", "bare", "-n", namespace, "--wait=false")
+    return duration_s
 
 
 def apply(cluster: RealNodes, namespace: str, *objects: Json) -> None:
@@ -108,19 +124,19 @@ def test_the_apps_program_opens_its_serial_line_and_its_camera_soon_after_apply(
         {"name": "eye", "type": "camera", "mountAs": "/dev/front-camera"},
     ]
     apply(cluster, namespace, robotapp("arm", wishes))
-    pod = wait_running(cluster, namespace, "arm")
-    assert shell(cluster, namespace, pod, TALK) == "hello\n"
+    arm = wait_running(cluster, namespace, "arm")
+    assert shell(cluster, namespace, arm, TALK) == "hello\n"
     first_byte_s = time.monotonic() - begun
     record_property("apply to first byte, s", round(first_byte_s, 2))
-    assert shell(cluster, namespace, pod, "id -u; echo $ROBOTAPP_DEVICE_ARM $ROBOTAPP_DEVICE_EYE") == (
+    assert shell(cluster, namespace, arm, "id -u; echo $ROBOTAPP_DEVICE_ARM $ROBOTAPP_DEVICE_EYE") == (
         "1000\n/dev/arm /dev/front-camera\n"
     )
-    assert shell(cluster, namespace, pod, "head -c 4 /dev/front-camera | wc -c") == "4\n"
+    assert shell(cluster, namespace, arm, "head -c 4 /dev/front-camera | wc -c") == "4\n"
     assert wait_until(lambda: condition(cluster, namespace, "arm", "Ready").get("status") == "True", timeout_s=WAITED_S)
     allocated = condition(cluster, namespace, "arm", "Allocated")
     assert allocated["status"] == "True", allocated
     assert "not handed over" not in allocated["message"]
-    assert first_byte_s <= FIRST_BYTE_S
+    assert first_byte_s <= max(FIRST_BYTE_S, BARE_STARTS * measure_bare_start_s(cluster, namespace))
 
 
 def test_a_second_app_waits_names_the_holder_and_runs_when_it_is_gone(
@@ -139,10 +155,11 @@ def test_a_second_app_waits_names_the_holder_and_runs_when_it_is_gone(
     cluster.kubectl("delete", "robotapp", "first", "-n", namespace, "--cascade=foreground")
     assert wait_until(lambda: not running_pod(cluster, namespace, "first"), timeout_s=WAITED_S)
     begun = time.monotonic()
-    pod = wait_running(cluster, namespace, "second")
-    record_property("holder gone to successor runs, s", round(time.monotonic() - begun, 2))
-    assert shell(cluster, namespace, pod, TALK) == "hello\n"
-    assert time.monotonic() - begun <= HANDED_ON_S + 2.0
+    successor = wait_running(cluster, namespace, "second")
+    handed_on_s = time.monotonic() - begun
+    record_property("holder gone to successor runs, s", round(handed_on_s, 2))
+    assert shell(cluster, namespace, successor, TALK) == "hello\n"
+    assert handed_on_s <= max(HANDED_ON_S, BARE_STARTS * measure_bare_start_s(cluster, namespace))
 
 
 def test_a_replaced_pod_keeps_the_device_and_the_rival_never_gets_it(cluster: RealNodes, namespace: str) -> None:

@@ -1,5 +1,6 @@
 """Rules of a RobotApp as a whole: ends of edges, names in components, robots, ROS."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from tests.support.apiobjects import AMR_07, app, component, edge
@@ -18,8 +19,28 @@ def _selector(**fields: Any) -> Object:
     return app(robots={"nodeSelector": fields})
 
 
+def _after(status: str, **fields: Any) -> Object:
+    dependency = {"component": "saver", "status": status}
+    return app(components=[component("saver", **fields), component("planner", dependsOn=[dependency])])
+
+
+def _completion(*components: str, **fields: Any) -> Object:
+    success = {"success": {"operator": "Any", "components": list(components)}} if components else {}
+    return app(
+        components=[component("saver", **fields), component("planner")], completion={"deadline": "1h", **success}
+    )
+
+
 def _recording(name: str, **topics: Any) -> Object:
     return {"name": name, "topics": topics}
+
+
+def _sweep(*counts: int, components: Sequence[Object] = (component("sim", job={}),), **spec: Any) -> Object:
+    """A sweep with a parameter of so many values for each number."""
+    parameters = [
+        {"name": f"p{index}", "values": [str(value) for value in range(count)]} for index, count in enumerate(counts)
+    ]
+    return app(components=list(components), matrix={"parameters": parameters}, **spec)
 
 
 def _override(name: str) -> Object:
@@ -38,6 +59,30 @@ APP = [
         app(edges=[edge("@robot", "driver"), edge("operator", "driver")], robots=AMR_07),
         app(edges=[edge("oprator", "driver")]),
         'edges have unknown ends (topic, from, to): [["/cmd_vel", "oprator", "driver"]]; write the name of a component or @robot',
+    ),
+    RuleCase(
+        "a job completes",
+        _after("Complete", job={}),
+        _after("Ready", job={}),
+        'dependsOn of ["planner"] waits for a job with status: Complete, and for other components with status: Ready; write that status, or job: {} in a component that ends (jobs are ["saver"])',
+    ),
+    RuleCase(
+        "what is no job is ready",
+        _after("Ready"),
+        _after("Complete"),
+        'dependsOn of ["planner"] waits for a job with status: Complete, and for other components with status: Ready; write that status, or job: {} in a component that ends (jobs are [])',
+    ),
+    RuleCase(
+        "completion takes a job",
+        _completion(job={}),
+        _completion(),
+        "completion is about components that end, and none does; write job: {} in one, or remove completion",
+    ),
+    RuleCase(
+        "completion counts jobs",
+        _completion("saver", job={}),
+        _completion("planner", job={}),
+        'completion.success.components are ["planner"], but the components with job are ["saver"]; write the name of one, or job: {} in it',
     ),
     RuleCase(
         "durations in words",
@@ -74,6 +119,36 @@ APP = [
         app(recordings=[_recording("all", regex=".*")]),
         app(recordings=[_recording("driver", regex=".*")]),
         'recordings have names of components: ["driver"]; write other names',
+    ),
+    RuleCase(
+        "a sweep has no robots",
+        _sweep(2),
+        _sweep(2, robots=AMR_07),
+        "a sweep has an instance for each combination of values, and robots have one each; remove matrix or robots",
+    ),
+    RuleCase(
+        "instances of a sweep end",
+        _sweep(2),
+        _sweep(2, components=[component("sim")]),
+        "an instance of a sweep ends with its components that have job, and none has it, so later instances would wait for ever; write job: {} in the component whose program ends",
+    ),
+    RuleCase(
+        "an instance of a sweep ends with its jobs",
+        _sweep(2, components=[component("sim", job={}), component("world")], completion={}),
+        _sweep(2, components=[component("sim", job={}), component("world")]),
+        "an instance of a sweep would not end, because it has components or recordings that run on; write completion: {} to end it with its jobs",
+    ),
+    RuleCase(
+        "instances of a sweep have domains of their own",
+        _sweep(2, ros2={"domain": 7, "isolation": "Discovery", "discovery": {"mode": "Server"}}),
+        _sweep(2, ros2={"domain": 7}),
+        "one domain for all instances of a sweep would let them obey each other's topics; drop ros2.domain, or write ros2.isolation: Discovery",
+    ),
+    RuleCase(
+        "a sweep has at most 256 instances",
+        _sweep(16, 16),
+        _sweep(16, 17),
+        "a sweep has at most 256 instances, and the values of its parameters have more combinations; write fewer values, or a RobotApp for each part",
     ),
     RuleCase(
         "colocateWith exists",

@@ -181,6 +181,18 @@ COMPONENT = [
         "component driver: ready and readinessProbe both decide when it is ready; write one of them",
     ),
     RuleCase(
+        "a job is one",
+        app(components=[component(job={}, replicas=2, replicaIdentity="Ordinal")]),
+        app(components=[component(job={}, replicas=2)]),
+        "component driver: a job runs once, not as 2 copies; write replicas: 1, or replicaIdentity: Ordinal for a job of each replica",
+    ),
+    RuleCase(
+        "a job is never ready",
+        app(components=[component(job={"backoffLimit": 0}, readinessProbe=PROBE)]),
+        app(components=[component(job={"backoffLimit": 0}, ready={"lifecycle": "Active"})]),
+        "component driver: a job is not ready, it completes; remove ready, and write dependsOn with status: Complete where others wait for it",
+    ),
+    RuleCase(
         "a tier stands once",
         app(components=[component(runsOn=["Edge", "Robot", "Cloud"])]),
         app(components=[component(runsOn=["Edge", "Robot", "Edge"])]),
@@ -249,7 +261,10 @@ COMPONENT = [
     _refused("nodeName", "amr-07", "write nodeSelector, or robots and runsOn of the component", good=""),
     _refused("schedulerName", "other", "write spec.schedulerName, which is for all components", good=""),
     _refused(
-        "restartPolicy", "Never", "components always restart: leave it out; a program that ends is a Job", good="Always"
+        "restartPolicy",
+        "Never",
+        "leave it out, or write job: {} in the component for a program that ends",
+        good="Always",
     ),
     _refused("resourceClaims", [{"name": "gpu"}], "write devices of the component", good=[]),
     _refused("schedulingGates", [{"name": "x.io/y"}], "write spec.suspend: true to hold an app back", good=[]),

@@ -124,6 +124,50 @@ def test_another_image_does_not_run_the_built_ones_command() -> None:
     assert component == {"name": "ros-app", "image": "other/x:1"}
 
 
+def test_components_of_the_block_are_the_components_of_the_app_and_share_the_built_image() -> None:
+    block = "{components: {camera: {runsOn: [Robot], args: [ros2, run, c, c]}, the_detector: {}}}"
+    camera, detector = spec(with_block(block))["components"]
+    shared = {"image": "acme/detector:2.1.0", "env": [{"name": "LEVEL", "value": "1"}]}
+    assert camera == {"name": "camera", **shared, "args": ["ros2", "run", "c", "c"], "runsOn": ["Robot"]}
+    assert detector == {"name": "the-detector", **shared, "args": ["ros2", "launch", "detector", "detect.launch.py"]}
+
+
+def test_a_component_with_an_image_of_its_own_has_nothing_of_the_built_one() -> None:
+    _, panel = spec(with_block("{components: {detector: {}, panel: {image: 'acme/ui:{{ vars.gpu }}'}}}"))["components"]
+    assert panel == {"name": "panel", "image": "acme/ui:1"}
+
+
+def test_a_benchmark_of_the_default_scheduler_leaves_out_the_wishes_of_single_components_as_well() -> None:
+    block = "{components: {camera: {scheduler: {policies: {qos_class: realtime}}}, detector: {}}}"
+    (wished,) = {part.get("qosClass") for part in spec(with_block(block))["components"]} - {None}
+    plain = spec(with_block(block), sequence="benchmark_default")["components"]
+    assert (wished, [part.get("qosClass") for part in plain]) == ("realtime", [None, None])
+
+
+@pytest.mark.parametrize("where", ["image", "option"])
+def test_one_image_beside_or_above_the_components_is_that_of_all(where: str) -> None:
+    block = "{application_image: 'other/x:1', components: {camera: {}, detector: {}}}"
+    components = spec(with_block(block), image="third/x:1" if where == "option" else "")["components"]
+    expected = "third/x:1" if where == "option" else "other/x:1"
+    assert [component["image"] for component in components] == [expected, expected]
+
+
+def test_what_is_one_for_a_file_with_several_components_is_refused_with_its_place_in_them() -> None:
+    text = refusal(with_block("{readiness: {command: 'true'}, components: {camera: {}, detector: {}}}"))
+    assert "there are several components: write it under components.<name> (readinessProbe)" in text
+
+
+def test_two_components_of_one_name_are_refused() -> None:
+    text = refusal(with_block("{components: {a_b: {}, a-b: {}}}"))
+    assert "package a-b becomes component a-b, which another package already is" in text
+
+
+def test_an_end_of_a_topic_that_is_no_component_is_named_with_the_nearest() -> None:
+    block = "{components: {camera: {}, detector: {}}, robotapp: {edges: [{topic: /t, from: camra, to: detector}]}}"
+    text = refusal(with_block(block))
+    assert "'camra' is no component (did you mean camera?)" in text
+
+
 @pytest.mark.parametrize(
     ("settings", "image"),
     [

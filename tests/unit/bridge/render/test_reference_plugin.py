@@ -38,7 +38,7 @@ def test_a_setting_that_cannot_be_meant_is_refused_with_its_line(settings: str, 
     "setting", ["readiness: {command: a}", "distributed: {enabled: true}", "persistent_storage: {volumes: []}"]
 )
 def test_one_setting_for_several_packages_is_refused_with_where_to_write_it(setting: str) -> None:
-    assert "there are several packages: write it under components.<package>" in refusal(orchestration(setting, TWO))
+    assert "there are several components: write it under components.<name>" in refusal(orchestration(setting, TWO))
 
 
 def test_lists_of_named_entries_are_merged_by_name() -> None:

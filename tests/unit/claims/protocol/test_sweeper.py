@@ -84,10 +84,11 @@ async def test_claims_are_read_before_everything_they_are_judged_by() -> None:
 
     await Sweeper(rig.store.client(before=note)).sweep_once()
     assert order[0] == "list robotclaims"
-    assert order[1:6] == [
+    assert order[1:7] == [
         "list domainpools",
         "list deployments",
         "list replicasets",
+        "list jobs",
         "list pods",
         "get robotapps teleop",
     ]

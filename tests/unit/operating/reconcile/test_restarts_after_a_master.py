@@ -10,6 +10,7 @@ from tests.support.clients import client_for
 from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledServer
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_client.api.times import utc_now
 from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.plan.status.conditions import conditions
@@ -62,7 +63,7 @@ async def test_a_master_that_ends_again_and_again_is_named_in_the_status_with_th
     app = world.cache.apps[uid].app
     assert app is not None
     (instance,) = wanted_instances(app, world.cache)
-    facts = instance_facts(app, instance, world.cache, outcome=None, trouble=None, held=(), now_s=0.0)
+    facts = instance_facts(app, instance, world.cache, outcome=None, trouble=None, held=(), now_s=0.0, now=utc_now())
     assert facts.cut_off == ("driver", "operator")
     whole = AppFacts(app=app, instances=(facts,), now="2026-01-01T11:00:00Z")
     stalled = next(item for item in conditions(whole) if item["type"] == "Stalled")

@@ -23,6 +23,7 @@ from robotapp_api.model.names import Reason
 from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.identity import claim_name_device, id_order
 from robotapp_claims.rules.objects import Claim, Pool
+from robotapp_client.api.times import utc_now
 from robotapp_operator.plan.diff.diff import Observed, plan, wanted_children
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, ReplicaSet, Telemetry
@@ -188,7 +189,7 @@ def facts_of(cache: Cache, body: dict[str, Any], *, outcome: DomainOutcome | Non
     app = cache.update_app(body).app
     assert app is not None
     (instance,) = wanted_instances(app, cache)
-    return instance_facts(app, instance, cache, outcome=outcome, trouble=None, held=(), now_s=0.0)
+    return instance_facts(app, instance, cache, outcome=outcome, trouble=None, held=(), now_s=0.0, now=utc_now())
 
 
 def test_pods_belong_to_a_component_through_the_chain_of_owners() -> None:

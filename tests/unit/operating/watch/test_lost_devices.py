@@ -11,6 +11,7 @@ from tests.support.factories import UID, app_body, make_node
 from robotapp_api.model.names import Annotation, Label
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import Instance
+from robotapp_client.api.times import utc_now
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.watch.cache import Cache
@@ -58,7 +59,9 @@ class DriverApp:
 
     def facts(self) -> InstanceFacts:
         assert self.app is not None
-        return instance_facts(self.app, Instance(), self.cache, outcome=None, trouble=None, held=(), now_s=0.0)
+        return instance_facts(
+            self.app, Instance(), self.cache, outcome=None, trouble=None, held=(), now_s=0.0, now=utc_now()
+        )
 
 
 @pytest.fixture

@@ -132,7 +132,7 @@ def test_a_suspended_component_is_neither_ready_nor_bad() -> None:
 @pytest.mark.parametrize(
     ("ended", "cure"),
     [
-        ({"exitCode": 0, "reason": "Completed"}, "a program that ends is a Job"),
+        ({"exitCode": 0, "reason": "Completed"}, "write job: {} in it if it is to end"),
         ({"exitCode": 137, "reason": "OOMKilled"}, "raise resources.limits.memory"),
         ({"exitCode": 1, "reason": "Error"}, "see kubectl logs --previous"),
     ],

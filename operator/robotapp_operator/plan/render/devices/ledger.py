@@ -10,11 +10,11 @@ from typing import NamedTuple
 from robotapp_api.checks.device_names import handover_notes
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation
-from robotapp_operator.plan.render.child import DEPLOYMENT
+from robotapp_operator.plan.render.child import DEPLOYMENT, JOB
 from robotapp_operator.plan.render.devices.resource_claim import may_be_handed_over, named_claim
 from robotapp_operator.plan.render.node_affinity import nodes_for
 from robotapp_operator.plan.spec.desired import App, Desired, desired_of
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job
 
 
 class DriverNodes(NamedTuple):
@@ -47,6 +47,11 @@ def _takes_claim(
     placed: Collection[str],
 ) -> bool:
     item = observed.get(ChildRef(DEPLOYMENT, desired.name_of(component.name)))
+    job = observed.get(ChildRef(JOB, desired.name_of(component.name)))
+    if isinstance(job, Job) and job.metadata.annotations.get(Annotation.RUN_HASH) == desired.app.run_hashes.get(
+        component.name
+    ):
+        return bool(named_claim(job.spec))  # its template cannot be changed
     if isinstance(item, Deployment):
         has_claim = bool(named_claim(item.spec))
         is_edited = item.metadata.annotations.get(Annotation.SPEC_HASH) != desired.app.spec_hashes[component.name]

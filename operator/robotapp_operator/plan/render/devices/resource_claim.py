@@ -127,13 +127,14 @@ def named_claim(deployment_spec: Mapping[str, Any]) -> str:
 
 
 def wanted_claims(app: App, children: Iterable[Child]) -> list[DeviceClaim]:
-    """Returns the ResourceClaims of Deployments that are to have pods. One without pods gives its devices back."""
+    """Returns the ResourceClaims of Deployments and Jobs that are to have pods. One without pods gives its devices back."""
     components = {component.name: component for component in app.spec.components}
     claims = []
     for child in children:
         name = named_claim(child.spec)
         component = components.get(child.component)
-        if name and component is not None and child.spec.get("replicas"):
+        wants_pods = child.spec.get("replicas") or child.spec.get("suspend") is False
+        if name and component is not None and wants_pods:
             spec = claim_spec(component)
             claims.append(DeviceClaim(name=name, labels=child.labels, spec=spec, hash=content_hash(spec)))
     return claims

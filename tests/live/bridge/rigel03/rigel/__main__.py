@@ -36,7 +36,7 @@ class Orchestrator:
         kind = getattr(importlib.import_module(module), attribute)
         if not issubclass(kind, Plugin):
             raise RigelError(f"{job['plugin']} is not compliant: it must inherit from Plugin")
-        application = SimpleNamespace(dir=".", **self._decoded(self._document["application"]))
+        application = SimpleNamespace(**{"dir": ".", **self._decoded(self._document["application"])})
         return kind(raw, self._variables, application, {}, shared_data=self._shared)
 
     def sequence(self, name: str) -> None:

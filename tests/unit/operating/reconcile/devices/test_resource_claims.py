@@ -51,13 +51,13 @@ def names(app_claims: Any) -> tuple[list[str], list[str]]:
 
 
 def test_a_missing_claim_is_created_and_one_that_is_there_is_left_alone() -> None:
-    assert names(plan_claims(APP, [WANTED], [], deployments=[], pods=[])) == ([WANTED.name], [])
-    assert names(plan_claims(APP, [WANTED], [stored()], deployments=[], pods=[pod()])) == ([], [])
+    assert names(plan_claims(APP, [WANTED], [], workloads=[], pods=[])) == ([WANTED.name], [])
+    assert names(plan_claims(APP, [WANTED], [stored()], workloads=[], pods=[pod()])) == ([], [])
 
 
 def test_another_wish_replaces_the_claim_at_once() -> None:
     former = stored(annotations={Annotation.CONTENT_HASH.value: "another"})
-    found = plan_claims(APP, [WANTED], [former], deployments=[deployment(1)], pods=[pod()])
+    found = plan_claims(APP, [WANTED], [former], workloads=[deployment(1)], pods=[pod()])
     assert names(found) == ([WANTED.name], [WANTED.name])
 
 
@@ -74,14 +74,14 @@ def test_another_wish_replaces_the_claim_at_once() -> None:
 def test_a_claim_that_is_not_wanted_goes_when_no_pod_uses_it_or_may_come(
     deployments: list[Deployment], pods: list[Pod], is_deleted: bool
 ) -> None:
-    found = plan_claims(APP, [], [stored()], deployments=deployments, pods=pods)
+    found = plan_claims(APP, [], [stored()], workloads=deployments, pods=pods)
     assert names(found) == ([], [WANTED.name] if is_deleted else [])
 
 
 def test_claims_of_others_are_never_deleted() -> None:
     owner = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "name": "x", "uid": "other", "controller": True}
     others = [stored(ownerReferences=[owner]), stored(ownerReferences=[]), stored(namespace="elsewhere")]
-    assert names(plan_claims(APP, [], others, deployments=[], pods=[])) == ([], [])
+    assert names(plan_claims(APP, [], others, workloads=[], pods=[])) == ([], [])
 
 
 async def test_a_refused_claim_goes_after_its_pod_and_never_below_one() -> None:

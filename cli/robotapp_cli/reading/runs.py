@@ -1,0 +1,204 @@
+"""The runs of an app whose components end: one for each instance, with what it was run with and how it ended.
+
+A run is read from its RobotAppInstance, its Jobs and their pods; of a pod that is gone, what only it had is left out.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final
+
+from robotapp_api.model.names import Annotation, Label, Phase
+from robotapp_cli.reading.fields import Json, condition, label, meta, status
+from robotapp_cli.reading.instances import Instance, instances_of
+from robotapp_cli.reading.session import Session
+from robotapp_client import Forbidden, NotFound
+from robotapp_client.api.resources import JOBS, NODES, PODS
+
+SEED: Final = "seed"
+"""The parameter of a matrix whose value is the run's seed."""
+ENDED: Final = frozenset({Phase.COMPLETED, Phase.FAILED})
+
+
+@dataclass(frozen=True, slots=True)
+class JobRun:
+    """One component of a run: its Job, and the pods that it had, the latest last."""
+
+    obj: Json
+    pods: Sequence[Json]
+
+    @property
+    def component(self) -> str:
+        return label(self.obj, Label.COMPONENT)
+
+    @property
+    def result(self) -> str:
+        """Complete, Failed, Suspended or Running."""
+        for kind in ("Complete", "Failed", "Suspended"):
+            if condition(self.obj, kind).get("status") == "True":
+                return kind
+        return "Running"
+
+    @property
+    def started(self) -> str:
+        return str(status(self.obj).get("startTime") or "")
+
+    @property
+    def ended(self) -> str:
+        """When it completed or failed, "" before that."""
+        time = status(self.obj).get("completionTime") or condition(self.obj, "Failed").get("lastTransitionTime")
+        return str(time or "") if self.result in ("Complete", "Failed") else ""
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code of the component's program in its latest pod; None while it runs, and where no pod is left."""
+        codes = (_exit_code(pod, self.component) for pod in reversed(self.pods))
+        return next((code for code in codes if code is not None), None)
+
+    @property
+    def reason(self) -> str:
+        """Why the Job failed, in the words of Kubernetes."""
+        failed = condition(self.obj, "Failed")
+        return f"{failed.get('reason', '')}: {failed.get('message', '')}" if failed.get("status") == "True" else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One instance of an app whose components end."""
+
+    instance: Instance
+    jobs: Sequence[JobRun]
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Values of the matrix; {} for an app without one."""
+        return dict((self.instance.obj.get("spec") or {}).get("matrix") or {})
+
+    @property
+    def phase(self) -> str:
+        return str(self.instance.observed.get("phase") or Phase.PENDING)
+
+    @property
+    def started(self) -> str:
+        return min((job.started for job in self.jobs if job.started), default="")
+
+    @property
+    def ended(self) -> str:
+        """When its last Job ended, "" while it has not ended as a whole."""
+        return max((job.ended for job in self.jobs), default="") if self.phase in ENDED else ""
+
+    @property
+    def exit_codes(self) -> dict[str, int]:
+        """By component, without those that have none yet."""
+        return {job.component: code for job in self.jobs if (code := job.exit_code) is not None}
+
+    @property
+    def failed_jobs(self) -> list[JobRun]:
+        return [job for job in self.jobs if job.result == "Failed"]
+
+    def seconds(self, now: datetime | None = None) -> float | None:
+        """How long it took, or has taken so far; None before its start."""
+        if not self.started:
+            return None
+        end = datetime.fromisoformat(self.ended) if self.ended else now or datetime.now(UTC)
+        return max(0.0, (end - datetime.fromisoformat(self.started)).total_seconds())
+
+
+async def list_runs(session: Session, app: Json) -> list[Run]:
+    """Returns the runs of the app by the names of their instances."""
+    selector = f"{Label.APP_UID}={meta(app)['uid']}"
+    jobs = (await session.client.list(JOBS, namespace=session.home, label_selector=selector)).items
+    pods = (await session.client.list(PODS, namespace=session.home, label_selector=selector)).items
+    instances = await instances_of(session, app)
+    return collect_runs(instances, jobs, pods)
+
+
+def collect_runs(instances: Iterable[Instance], jobs: Iterable[Json], pods: Iterable[Json]) -> list[Run]:
+    """Returns the runs, each with its Jobs by component and their pods by age."""
+    pods_of: defaultdict[str, list[Json]] = defaultdict(list)
+    for pod in sorted(pods, key=lambda pod: str(meta(pod).get("creationTimestamp") or "")):
+        for owner in meta(pod).get("ownerReferences") or ():
+            pods_of[str(owner.get("uid"))].append(pod)
+    jobs_of: defaultdict[str, list[JobRun]] = defaultdict(list)
+    for job in jobs:
+        jobs_of[label(job, Label.INSTANCE)].append(JobRun(job, pods_of[str(meta(job).get("uid"))]))
+    return [
+        Run(instance, sorted(jobs_of[instance.name], key=lambda job: job.component))
+        for instance in sorted(instances, key=lambda instance: instance.name)
+    ]
+
+
+async def read_kubelets(session: Session, runs: Iterable[Run]) -> dict[str, str]:
+    """Returns the kubelet's version by node, as far as the user may read nodes that still exist."""
+    names = {str((pod.get("spec") or {}).get("nodeName") or "") for run in runs for job in run.jobs for pod in job.pods}
+    versions: dict[str, str] = {}
+    for name in sorted(names - {""}):
+        try:
+            node = await session.client.get(NODES, name)
+        except Forbidden:
+            return versions
+        except NotFound:
+            continue
+        versions[name] = str((status(node).get("nodeInfo") or {}).get("kubeletVersion") or "")
+    return versions
+
+
+def describe_provenance(app: Json, run: Run, kubelets: dict[str, str]) -> Json:
+    """Returns what a run was run with and how it ended, as plain JSON."""
+    values = run.values
+    return {
+        "app": meta(app).get("name"),
+        "namespace": meta(app).get("namespace"),
+        "appUID": meta(app).get("uid"),
+        "run": run.instance.name,
+        "parameters": values,
+        "seed": values.get(SEED),
+        "phase": run.phase,
+        "startTime": run.started or None,
+        "endTime": run.ended or None,
+        "seconds": run.seconds(),
+        "domain": run.instance.domain,
+        "jobs": [_describe_job(job, kubelets) for job in run.jobs],
+    }
+
+
+def _describe_job(job: JobRun, kubelets: dict[str, str]) -> Json:
+    annotations = meta(job.obj).get("annotations") or {}
+    return {
+        "component": job.component,
+        "job": meta(job.obj).get("name"),
+        "result": job.result,
+        "reason": job.reason or None,
+        "startTime": job.started or None,
+        "endTime": job.ended or None,
+        "exitCode": job.exit_code,
+        "failedPods": int(status(job.obj).get("failed") or 0),
+        "specHash": annotations.get(Annotation.SPEC_HASH),
+        "operatorVersion": annotations.get(Annotation.RENDERED_BY),
+        "pods": [_describe_pod(pod, job.component, kubelets) for pod in job.pods],
+    }
+
+
+def _describe_pod(pod: Json, component: str, kubelets: dict[str, str]) -> Json:
+    statuses = status(pod).get("containerStatuses") or []
+    node = str((pod.get("spec") or {}).get("nodeName") or "")
+    return {
+        "name": meta(pod).get("name"),
+        "node": node or None,
+        "kubeletVersion": kubelets.get(node) or None,
+        "phase": status(pod).get("phase"),
+        "exitCode": _exit_code(pod, component),
+        "images": [
+            {"container": each.get("name"), "image": each.get("image"), "digest": each.get("imageID") or None}
+            for each in statuses
+        ],
+    }
+
+
+def _exit_code(pod: Json, container: str) -> int | None:
+    for each in status(pod).get("containerStatuses") or []:
+        terminated = (each.get("state") or {}).get("terminated")
+        if each.get("name") == container and terminated:
+            return int(terminated.get("exitCode", 0))
+    return None

@@ -1,0 +1,104 @@
+"""`runs`: the runs of an app whose components end, what each was run with, and failed ones once more."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from robotapp_api.model.names import Phase
+from robotapp_cli.arguments import Context, Kubeconfig, Name, Namespace, OutputFormat
+from robotapp_cli.failures import CliError, Exit
+from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
+from robotapp_cli.reading import session as sessions
+from robotapp_cli.reading.fields import Json, elapsed, meta
+from robotapp_cli.reading.runs import JobRun, Run, describe_provenance, list_runs, read_kubelets
+from robotapp_cli.reading.session import Options, Session
+from robotapp_client import Conflict, NotFound
+from robotapp_client.api.resources import JOBS, ROBOTAPPS
+
+BACKGROUND = "Background"
+
+
+def add_runs_command(app: typer.Typer) -> None:
+    """Adds the command to the program."""
+    app.command(
+        "runs",
+        epilog="Examples: kubectl robotapp runs sweep; kubectl robotapp runs sweep --failed; kubectl robotapp runs sweep -o json",
+    )(runs_command)
+
+
+def runs_command(
+    name: Name,
+    *,
+    failed: Annotated[bool, typer.Option("--failed", help="Run those that have failed once more.")] = False,
+    namespace: Namespace = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """Show the runs of an app with job: values, duration, exit codes; -o json has images, nodes and versions of each."""
+    options = Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output)
+    sessions.run(options, lambda session: repeat_failed(session, name) if failed else show_runs(session, name))
+
+
+async def show_runs(session: Session, name: str) -> None:
+    """Prints the runs as a table, or their provenance."""
+    app = await fetch_app_with_jobs(session, name)
+    runs = await list_runs(session, app)
+    if session.options.output.structured:
+        kubelets = await read_kubelets(session, runs)
+        write_structured([describe_provenance(app, run, kubelets) for run in runs], session.options.output)
+        return
+    print_table(
+        ["RUN", Column("VALUES", wraps=True), "PHASE", "DURATION", "EXIT"],
+        [[*list_cells(run)] for run in runs],
+    )
+
+
+def list_cells(run: Run) -> Sequence[str]:
+    """Returns the cells of a run's row."""
+    values = " ".join(f"{name}={value}" for name, value in run.values.items())
+    seconds = run.seconds()
+    codes = run.exit_codes
+    exit_text = ", ".join(
+        f"{component} {code}" if len(run.jobs) > 1 else str(code) for component, code in codes.items()
+    )
+    return run.instance.name or "-", values, run.phase, "" if seconds is None else elapsed(seconds), exit_text
+
+
+async def fetch_app_with_jobs(session: Session, name: str) -> Json:
+    """Returns the app. Raises CliError when no component of it ends."""
+    app = await session.client.get(ROBOTAPPS, name, namespace=session.home)
+    if not any(component.get("job") is not None for component in app["spec"]["components"]):
+        raise CliError(
+            f"{name} has no component with job, so its programs run on; kubectl robotapp info {name} shows them",
+            code=Exit.NOT_FOUND,
+        )
+    return app
+
+
+async def repeat_failed(session: Session, name: str) -> None:
+    """Deletes the failed Jobs of failed runs, which the operator makes anew, and prints which."""
+    app = await fetch_app_with_jobs(session, name)
+    runs = await list_runs(session, app)
+    jobs = [(run, job) for run in runs if run.phase == Phase.FAILED for job in run.failed_jobs]
+    if not jobs:
+        print_line(f"{name} has no failed run; nothing was changed")
+        return
+    if app["spec"].get("suspend"):
+        raise CliError(f"{name} is suspended; start it with: kubectl robotapp resume {name}")
+    for run, job in jobs:
+        await _delete_job(session, job)
+        print_line(f"{run.instance.name or name}: {job.component} runs once more")
+    print_line(f"Follow it: kubectl robotapp runs {name}")
+
+
+async def _delete_job(session: Session, job: JobRun) -> None:
+    """Deletes this Job with its pods, and no other one of its name."""
+    uid = str(meta(job.obj)["uid"])
+    try:
+        await session.client.delete(
+            JOBS, str(meta(job.obj)["name"]), namespace=session.home, uid=uid, propagation=BACKGROUND
+        )
+    except (NotFound, Conflict):  # somebody else has deleted it meanwhile
+        return

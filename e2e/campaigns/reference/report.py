@@ -1,0 +1,210 @@
+"""The outcomes of `scripts/bench reference` as JSON, as tables, and as the parts of docs/evaluation/reference.md. Pure but for files."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from campaigns.reference.catalogue import (
+    GENERATIONS,
+    SCENARIOS,
+    SCHEDULERS,
+    THESIS_REPETITIONS,
+    THESIS_ROUND_TRIPS,
+    Inferred,
+)
+from campaigns.reference.placement import Placement, find_scenario
+from campaigns.reference.trials import Trial
+
+Json = dict[str, Any]
+Rows = list[list[str]]
+NOTHING: Final = "-"
+APPS: Final = [scenario.app(ros) for scenario in SCENARIOS.values() for ros in GENERATIONS]
+UNITS: Final = {"_ms": " ms", "_s": " s", "_m": " m"}
+PLACEMENT_HEADS: Final = [
+    "application",
+    "thesis' plugins",
+    "of these decided",
+    "scheduler",
+    "placements right",
+    "nodes",
+    "not kept",
+]
+TRIAL_HEADS: Final = ["application", "fault", "scheduler", "nodes", "figures of the application", "promise"]
+PROFILE_HEADS: Final = ["application", "thesis: inferred", "thesis: expected", "ours: inferred", "ours: expected"]
+
+
+@dataclass(slots=True)
+class Report:
+    """What runs have found. A later run replaces what an earlier one found of the same application and scheduler."""
+
+    commands: list[str] = field(default_factory=list)
+    machine: dict[str, str] = field(default_factory=dict)
+    placements: list[Placement] = field(default_factory=list)
+    trials: list[Trial] = field(default_factory=list)
+    profiles: dict[str, Inferred] = field(default_factory=dict)
+
+    def note_placement(self, placement: Placement) -> None:
+        key = placement.app, placement.scheduler, placement.repetition
+        self.placements = [p for p in self.placements if (p.app, p.scheduler, p.repetition) != key] + [placement]
+
+    def note_trial(self, trial: Trial) -> None:
+        key = trial.app, trial.scheduler
+        self.trials = [t for t in self.trials if (t.app, t.scheduler) != key] + [trial]
+
+    def to_json(self) -> Json:
+        return {
+            "commands": self.commands,
+            "machine": self.machine,
+            "thesis": {
+                "repetitions": THESIS_REPETITIONS,
+                "plugins": {
+                    scenario.app(ros): scenario.plugins[ros] for scenario in SCENARIOS.values() for ros in GENERATIONS
+                },
+                "round_trips": [asdict(row) for row in THESIS_ROUND_TRIPS],
+                "profiles": {scenario.name: asdict(scenario.thesis_profile) for scenario in SCENARIOS.values()},
+            },
+            "placements": [asdict(placement) for placement in self.placements],
+            "trials": [asdict(trial) for trial in self.trials],
+            "profiles": {app: asdict(inferred) for app, inferred in self.profiles.items()},
+        }
+
+
+def read_report(path: Path | None) -> Report:
+    """Reads what earlier runs have written; an empty report without a file."""
+    if path is None or not path.exists():
+        return Report()
+    stored: Json = json.loads(path.read_text())
+    return Report(
+        stored["commands"],
+        stored["machine"],
+        [Placement(**row) for row in stored["placements"]],
+        [Trial(**row) for row in stored["trials"]],
+        {app: Inferred(**row) for app, row in stored["profiles"].items()},
+    )
+
+
+def tabulate_placements(placements: Sequence[Placement]) -> Rows:
+    """Returns a row per application and scheduler over its repetitions."""
+    rows = []
+    for app in APPS:
+        wanted = find_scenario(app).plugins[int(app[-1])]
+        for contender in SCHEDULERS:
+            runs = [p for p in placements if (p.app, p.scheduler) == (app, contender.name)]
+            if not runs:
+                continue
+            seen = {plugin for run in runs for plugin in run.plugins}
+            broken = dict.fromkeys(promise for run in runs for promise in run.broken)
+            rows.append(
+                [
+                    app,
+                    ", ".join(wanted),
+                    ", ".join(plugin for plugin in wanted if plugin in seen) or NOTHING,
+                    contender.name,
+                    f"{sum(not run.broken for run in runs)}/{len(runs)}",
+                    " or ".join(dict.fromkeys(describe_nodes(run.nodes) for run in runs)),
+                    "; ".join(broken) or NOTHING,
+                ]
+            )
+    return rows
+
+
+def tabulate_trials(trials: Sequence[Trial]) -> Rows:
+    """Returns a row per application and scheduler."""
+    ordered = [t for app in APPS for c in SCHEDULERS for t in trials if (t.app, t.scheduler) == (app, c.name)]
+    return [
+        [
+            trial.app,
+            trial.fault,
+            trial.scheduler,
+            describe_nodes(trial.nodes),
+            ", ".join(describe_figure(name, value) for name, value in trial.figures.items()) or NOTHING,
+            f"not kept: {trial.broken.splitlines()[0].partition(';')[0]}" if trial.broken else "kept",
+        ]
+        for trial in ordered
+    ]
+
+
+def tabulate_profiles(profiles: Mapping[str, Inferred]) -> Rows:
+    """Returns the thesis' table 4.3 beside ours; the thesis has the five of ROS 2 alone."""
+    rows = []
+    for app in APPS:
+        if app not in profiles:
+            continue
+        theirs, ours = find_scenario(app).thesis_profile, profiles[app]
+        thesis = (
+            [f"{theirs.qos_class}, {theirs.hardware}", f"{theirs.expected_class}, {theirs.expected_hardware}"]
+            if app.endswith("ros2")
+            else [NOTHING, NOTHING]
+        )
+        rows.append(
+            [app, *thesis, f"{ours.qos_class}, {ours.hardware}", f"{ours.expected_class}, {ours.expected_hardware}"]
+        )
+    return rows
+
+
+def describe_nodes(nodes: Mapping[str, str]) -> str:
+    return ", ".join(f"{component} on {node or 'no node'}" for component, node in nodes.items()) or NOTHING
+
+
+def describe_figure(name: str, value: float) -> str:
+    """Returns `p50 4.9 ms` for `p50_ms`, and a share in percent."""
+    if name.endswith("_share"):
+        return f"{name.removesuffix('_share')} {value:.0%}"
+    suffix = next((suffix for suffix in UNITS if name.endswith(suffix)), "")
+    number = f"{value:.0f}" if value == round(value) else f"{value:.3f}" if abs(value) < 1 else f"{value:.1f}"
+    return f"{name.removesuffix(suffix).replace('_', ' ')} {number}{UNITS.get(suffix, '')}"
+
+
+def list_broken(report: Report) -> list[str]:
+    """Returns what was not kept under our scheduler, in sentences."""
+    ours = SCHEDULERS[0].name
+    sentences = [
+        f"{p.app}, placement {p.repetition}: {'; '.join(p.broken)}"
+        for p in report.placements
+        if p.scheduler == ours and p.broken
+    ]
+    return sentences + [f"{t.app}, {t.fault}: {t.broken}" for t in report.trials if t.scheduler == ours and t.broken]
+
+
+PLACEMENT_MARKS: Final = "<!-- placement: made by scripts/bench reference --page -->", "<!-- placement: end -->"
+TRIAL_MARKS: Final = "<!-- behaviour: made by scripts/bench reference --page -->", "<!-- behaviour: end -->"
+PROFILE_MARKS: Final = "<!-- profiles: made by scripts/bench reference --page -->", "<!-- profiles: end -->"
+
+
+def write_page(report: Report, page: str) -> str:
+    """Returns the page with its tables replaced by those of the report, as far as it has outcomes of each kind."""
+    tables: tuple[tuple[tuple[str, str], list[str], Rows, list[str]], ...] = (
+        (PLACEMENT_MARKS, PLACEMENT_HEADS, tabulate_placements(report.placements), _list_decisions(report)),
+        (TRIAL_MARKS, TRIAL_HEADS, tabulate_trials(report.trials), []),
+        (PROFILE_MARKS, PROFILE_HEADS, tabulate_profiles(report.profiles), []),
+    )
+    for (begin, end), heads, rows, below in tables:
+        if rows:
+            before, _, rest = page.partition(begin)
+            after = rest.partition(end)[2]
+            text = "\n".join([*format_table(heads, rows), *below])
+            page = f"{before}{begin}\n{text}\n{end}{after}"
+    return page
+
+
+def format_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return [f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |" for cells in lines]
+
+
+def _list_decisions(report: Report) -> list[str]:
+    """Returns our scheduler's records of the components that had a choice, of each application's first repetition."""
+    lines = []
+    for app in APPS:
+        ours = [p for p in report.placements if (p.app, p.scheduler, p.repetition) == (app, SCHEDULERS[0].name, 0)]
+        for component, decisions in ours[0].decisions.items() if ours else ():
+            if any(" before " in decision for decision in decisions):
+                lines.append(f"- {app}, {component}: {'. '.join(decisions)}")
+    return [
+        "",
+        "What decided, by the scheduler's own records (`explain`), where more than one node was feasible:",
+        "",
+        *lines,
+    ]

@@ -1,0 +1,101 @@
+"""Reference applications on simulated nodes: both schedulers, our operator and the control plane are real."""
+
+import json
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Final
+
+from campaigns.nodes import teleop_app
+from campaigns.reference.catalogue import SCHEDULERS, Scenario
+from campaigns.reference.placement import Json, Placement, describe_decision, list_plugins, list_promises, make_topology
+from campaigns.reference.robotapps import make_volume, read_app, read_claims
+from campaigns.rigs.ports import ask
+from campaigns.scenarios.contenders import OURS, Contender
+from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
+from robotapp_testbed.machines.topology import apply as apply_nodes
+from robotapp_testbed.processes.process import Process
+
+PLACED_S: Final = 30.0
+"""For what takes two seconds on an idle machine; a pod without a node after that has none."""
+
+
+class Rig:
+    """The control plane with all nodes, and our scheduler."""
+
+    def __init__(self, cp: ControlPlane, topology: Topology, scheduler: Process) -> None:
+        self.cp = cp
+        self.topology = topology
+        self._scheduler = scheduler
+
+    def place(self, scenario: Scenario, ros: int, contender: Contender, repetition: int) -> Placement:
+        """Applies one application, waits for its nodes, and removes it."""
+        name = scenario.app(ros)
+        app = read_app(name, scenario.runs_on, scheduler=contender.scheduler_name, use_images=False)
+        with created(self.cp, f"{name}-{secrets.token_hex(3)}") as namespace:
+            claims = read_claims(name)
+            volumes = [make_volume(claim, namespace, scenario.volume_node) for claim in claims]
+            teleop_app.apply(self.cp, namespace, [*volumes, *claims, app])
+            components = [component["name"] for component in app["spec"]["components"]]
+            wait_until(
+                lambda: all(map(self._list_nodes(namespace, name).get, components)),
+                timeout_s=PLACED_S,
+                poll_s=0.2,
+            )
+            nodes = self._list_nodes(namespace, name)
+            records = self._read_records(namespace, name) if contender is OURS else {}
+            self.cp.kubectl("delete", "robotapp", name, "-n", namespace, "--cascade=foreground", "--timeout=30s")
+        return Placement(
+            name,
+            contender.name,
+            repetition,
+            nodes={component: nodes.get(component, "") for component in components},
+            promises=list_promises(scenario, app, nodes, self.topology),
+            decisions={component: describe_decision(record) for component, record in records.items()},
+            plugins=sorted(set().union(*map(list_plugins, records.values()))),
+        )
+
+    def _list_nodes(self, namespace: str, name: str) -> dict[str, str]:
+        pods = teleop_app.pods(self.cp, namespace, name)
+        return {component: str(pod["spec"].get("nodeName", "")) for component, pod in pods.items()}
+
+    def _read_records(self, namespace: str, name: str) -> dict[str, Json]:
+        """Returns our scheduler's record of each component's pod."""
+        records = {}
+        for component, pod in teleop_app.pods(self.cp, namespace, name).items():
+            status, text = ask(f"{self._scheduler.health_url}/explain/{namespace}/{pod['metadata']['name']}")
+            if status == 200:
+                records[component] = json.loads(text)
+        return records
+
+
+@contextmanager
+def start_rig() -> Iterator[Rig]:
+    """Starts the control plane with kube-scheduler, our operator and our scheduler, and simulated nodes with telemetry."""
+    topology = make_topology()
+    with ExitStack() as stack:
+        cp = stack.enter_context(ControlPlane(kube_scheduler=True))
+        product.install(cp)
+        apply_nodes(cp, topology)
+        stack.enter_context(SimulatedTelemetry(cp, topology))
+        product.start_operator(cp, sweep_seconds=1, no_leader_election=True)
+        yield Rig(cp, topology, product.start_scheduler(cp, insecure_explain=True))
+
+
+def place_all(
+    rig: Rig,
+    scenarios: Sequence[Scenario],
+    generations: Sequence[int],
+    repetitions: int,
+    note: Callable[[Placement], None],
+) -> None:
+    """Places each application under both schedulers, in turn; each placement is noted as soon as it is there."""
+    for repetition in range(repetitions):
+        for scenario in scenarios:
+            for ros in generations:
+                for contender in SCHEDULERS if repetition % 2 == 0 else SCHEDULERS[::-1]:
+                    note(rig.place(scenario, ros, contender, repetition))

@@ -1,0 +1,151 @@
+"""Jobs of components that end: which are those of today's spec, when their instance has ended, and what is done about each.
+
+The template of a Job cannot be changed, so a run with another one is another Job. One that has ended is never run again by
+itself: neither another version of the operator nor another domain or ConfigMap is a reason, only an edit of the component.
+"""
+
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping
+from datetime import UTC, datetime
+from typing import Any, Final, NamedTuple, TypeGuard
+
+import msgspec
+
+from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
+from robotapp_api.values.sweeps.matrix import choose_admitted
+from robotapp_claims.rules.instances import Ending, deadline_of, find_ending
+from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
+from robotapp_operator.plan.diff.newer import binding_rules, is_newer
+from robotapp_operator.plan.diff.unowned import domain_literals
+from robotapp_operator.plan.render.child import Child
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import Deployment, Job
+
+_AT_ONCE: Final = 1
+"""Deadline in seconds that ends a job whose instance has ended."""
+_SUSPEND: Final = "suspend"
+_MUTABLE: Final = (_SUSPEND, "backoffLimit", "activeDeadlineSeconds")
+
+
+class Progress(NamedTuple):
+    """How far the jobs of an instance are."""
+
+    jobs: Mapping[str, Job] = {}
+    """Those of today's spec, by component."""
+    ending: Ending | None = None
+    """Why the instance has ended, None while it has not."""
+    deadline: datetime | None = None
+    """When it will end at the latest."""
+    left_s: int | None = None
+    """Seconds that a Job which is created now may take, None without a deadline."""
+
+    @property
+    def ended(self) -> frozenset[str]:
+        """Components whose job has ended."""
+        return frozenset(name for name, job in self.jobs.items() if job.verdict is not None)
+
+
+NO_JOBS: Final = Progress()
+
+
+def current_jobs(app: App, observed: Iterable[object]) -> dict[str, Job]:
+    """Returns the Jobs that run, or have run, what the spec has today, by component."""
+    jobs = (item for item in observed if isinstance(item, Job) and item.metadata.controller_uid == app.uid)
+    by_component = {job.metadata.labels.get(Label.COMPONENT, ""): job for job in jobs if not job.is_deleting}
+    return {name: job for name, job in by_component.items() if name in app.run_hashes and not is_edited(app, name, job)}
+
+
+def is_edited(app: App, component: str, job: Job) -> bool:
+    """Whether the user has changed the component since its Job was made."""
+    return job.metadata.annotations.get(Annotation.RUN_HASH) != app.run_hashes[component]
+
+
+def judge_progress(app: App, observed: Iterable[object], *, now: datetime) -> Progress:
+    """Returns how far the jobs of an instance are."""
+    if not app.has_jobs:
+        return NO_JOBS
+    jobs, rules = current_jobs(app, observed), app.completion_rules
+    if rules is None:
+        return Progress(jobs)
+    states = {name: job.state for name, job in jobs.items()}
+    deadline = deadline_of(rules, states)
+    left = deadline - now if deadline is not None else rules.deadline
+    left_s = max(_AT_ONCE, int(left.total_seconds())) if left is not None else None
+    return Progress(jobs, find_ending(rules, states, now=now), deadline, left_s)
+
+
+def list_admitted(app: App, jobs: Mapping[str, Iterable[Job]], running: Collection[str]) -> frozenset[str]:
+    """Returns the instances of a sweep that may run now. jobs: those of each instance. running: instances with Deployments or Jobs.
+
+    Whose time is over counts as running until its jobs have ended.
+    """
+    begin = datetime.min.replace(tzinfo=UTC)
+    finished = {name for name, items in jobs.items() if judge_progress(app, items, now=begin).ending is not None}
+    parallelism = app.spec.matrix.parallelism if app.spec.matrix else 0
+    return choose_admitted(
+        [*app.sweep], parallelism=parallelism, begun=frozenset(running), finished=frozenset(finished)
+    )
+
+
+def limit_time(child: Child, progress: Progress) -> Child:
+    """Returns a new Job that ends by the deadline of its instance, also while no operator runs."""
+    if progress.left_s is None:
+        return child
+    limit = "activeDeadlineSeconds"
+    seconds = min(progress.left_s, child.spec.get(limit, progress.left_s))
+    return dataclasses.replace(child, spec={**child.spec, limit: seconds})
+
+
+def end_at_once(app: App, job: Job) -> dict[str, Any]:
+    """Returns the spec with which the Job controller ends the job, so that it is on record that it has ended."""
+    resumed = {} if is_queued(app, job) else {_SUSPEND: False}
+    return {**job.spec, **resumed, "activeDeadlineSeconds": _AT_ONCE}
+
+
+def is_queued(app: App, job: Job) -> bool:
+    """Whether kueue decides when the job runs: who else wrote `suspend` would undo what it has decided."""
+    return bool(app.queue) or QUEUE_NAME in job.metadata.labels
+
+
+def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
+    """Whether another Job has to take the place of this one.
+
+    Of one that may still run also where it names another domain than its instance has, since its pods would never be bound, or
+    where somebody has changed who binds them. What a newer operator made for this very spec stands.
+    """
+    writer, marked = (
+        job.metadata.annotations.get(key, "") for key in (Annotation.RENDERED_BY, Annotation.APP_GENERATION)
+    )
+    if is_newer(writer, version) and marked == str(app.generation):
+        return False
+    if is_edited(app, child.component, job):
+        return True
+    if job.verdict is not None:
+        return False
+    domains = domain_literals(child.spec)
+    return bool(domains and domain_literals(job.spec) - domains) or binding_rules(job.spec) != binding_rules(child.spec)
+
+
+def amend_job(app: App, child: Child, job: Job) -> dict[str, Any] | None:
+    """Returns the spec with what may change while the job runs, None where nothing differs."""
+    completion = app.spec.completion
+    has_deadline = completion is not None and completion.deadline is not None
+    left_out = {"activeDeadlineSeconds"} if has_deadline else set()
+    left_out |= {_SUSPEND} if is_queued(app, job) else set()
+    fields = [field for field in _MUTABLE if field not in left_out]
+    wanted = {field: child.spec.get(field) for field in fields}
+    spec = job.spec
+    if all(spec.get(field) == value for field, value in wanted.items()):
+        return None
+    spec |= wanted
+    return {field: value for field, value in spec.items() if value is not None}
+
+
+def names_domain(item: object) -> TypeGuard[Deployment | Job]:
+    """Whether pods may still be made of the object's template, which names a domain."""
+    return isinstance(item, Deployment) or (isinstance(item, Job) and item.verdict is None)
+
+
+def protocol_view(item: Deployment | Job) -> ClaimsDeployment:
+    """The Deployment or Job in the form the claim rules read."""
+    return msgspec.convert({"metadata": msgspec.to_builtins(item.metadata), "spec": item.spec}, ClaimsDeployment)

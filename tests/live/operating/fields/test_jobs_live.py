@@ -1,0 +1,157 @@
+"""Components that end, on a control plane with the operator and our scheduler: they run once, and what they held is given back."""
+
+import secrets
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from campaigns.rigs.live import Tenant, eventually, part
+from robotapp_api.model.names import Label
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.processes.process import Process
+
+pytestmark = pytest.mark.usefixtures("operator")
+
+
+@pytest.fixture(scope="module")
+def scheduler(installed_plane: ControlPlane, operator: Process) -> Iterator[Process]:
+    """Our scheduler."""
+    assert operator.running
+    process = product.start_scheduler(installed_plane, name=f"scheduler-{secrets.token_hex(3)}", sweep_seconds=1)
+    yield process
+    process.stop()
+
+
+@pytest.fixture
+def runs(installed_plane: ControlPlane, namespace: str, scheduler: Process) -> Tenant:
+    """A namespace whose pods our scheduler binds; pods of Jobs end with 0 as soon as they run."""
+    assert scheduler.running
+    return Tenant(installed_plane, namespace)
+
+
+@pytest.fixture
+def unplaced(installed_plane: ControlPlane, namespace: str) -> Tenant:
+    """A namespace in which nobody binds pods."""
+    return Tenant(installed_plane, namespace)
+
+
+def wait_phase(tenant: Tenant, name: str, phase: str) -> dict[str, Any]:
+    return eventually(
+        lambda: app if (app := tenant.app(name)).get("status", {}).get("phase") == phase else None,
+        what=lambda: (tenant.app(name).get("status"), tenant.listed("batch/jobs"), tenant.children()),
+    )
+
+
+def jobs_of(tenant: Tenant) -> dict[str, dict[str, Any]]:
+    return {job["metadata"]["labels"][Label.COMPONENT]: job for job in tenant.listed("batch/jobs")}
+
+
+def domains_of(tenant: Tenant) -> list[dict[str, Any]]:
+    return [claim for claim in tenant.claims() if claim["spec"].get("domain")]
+
+
+def end_pod(tenant: Tenant, component: str, phase: str) -> str:
+    """Has the pod of a job end as its kubelet would report it; returns its name."""
+    pods = [
+        pod
+        for pod in tenant.listed("pods")
+        if pod["metadata"]["labels"].get(Label.COMPONENT) == component and pod["status"]["phase"] == "Pending"
+    ]
+    (pod,) = pods
+    name = pod["metadata"]["name"]
+    path = f"/api/v1/namespaces/{tenant.namespace}/pods/{name}/status"
+    state = {"terminated": {"exitCode": 0 if phase == "Succeeded" else 3, "reason": "Error"}}
+    status = {"name": component, "image": "x", "imageID": "", "ready": False, "restartCount": 0, "state": state}
+    tenant.cp.api.patch(path, {"status": {"phase": phase, "containerStatuses": [status]}})
+    return str(name)
+
+
+def test_jobs_run_in_order_and_nothing_is_left_of_the_instance_but_their_record(runs: Tenant, ids: str) -> None:
+    after = [{"component": "calibrate", "status": "Complete"}]
+    runs.apply("map", part("calibrate", job={}), part("save", job={}, dependsOn=after), ros2={"pool": ids})
+    app = wait_phase(runs, "map", "Completed")
+    assert app["status"]["instanceCounts"]["completed"] == 1
+    assert app["status"]["summary"]["ready"] == "2/2"
+    jobs = jobs_of(runs)
+    assert {name: job["status"].get("succeeded") for name, job in jobs.items()} == {"calibrate": 1, "save": 1}
+    assert jobs["calibrate"]["status"]["completionTime"] <= jobs["save"]["metadata"]["creationTimestamp"]
+    eventually(lambda: not domains_of(runs), what=runs.claims)
+    assert runs.deployments() == []
+    (instance,) = runs.instances("map")
+    assert instance["status"]["completionTime"] == jobs["save"]["status"]["completionTime"]
+    eventually(lambda: "Completed" in runs.event_reasons("map"), what=lambda: runs.event_reasons("map"))
+
+
+def test_a_job_that_has_ended_runs_again_when_it_was_edited_and_not_when_the_operator_was_killed(
+    runs: Tenant, ids: str, operator: Process
+) -> None:
+    runs.apply("once", part("save", job={}), ros2={"pool": ids})
+    wait_phase(runs, "once", "Completed")
+    first = jobs_of(runs)["save"]["metadata"]["uid"]
+    operator.kill()
+    operator.restart()
+    eventually(lambda: not domains_of(runs), what=runs.claims)
+    runs.edit("once", components=[part("save", job={"backoffLimit": 1})])
+    eventually(lambda: runs.app("once")["status"].get("observedGeneration") == 2)
+    assert jobs_of(runs)["save"]["metadata"]["uid"] == first
+
+    def ran_again() -> bool:
+        job = jobs_of(runs).get("save", {"metadata": {"uid": first}})
+        return job["metadata"]["uid"] != first and job["status"].get("succeeded") == 1
+
+    runs.edit("once", components=[part("save", job={}, image="reg/save:2")])
+    eventually(ran_again, what=lambda: runs.listed("batch/jobs"))
+    wait_phase(runs, "once", "Completed")
+    eventually(lambda: not domains_of(runs), what=runs.claims)
+
+
+def test_a_failed_job_fails_its_instance_and_ends_the_components_that_run_on(unplaced: Tenant, ids: str) -> None:
+    unplaced.apply(
+        "check",
+        part("driver"),
+        part("test", job={"backoffLimit": 0}),
+        ros2={"pool": ids},
+        schedulerName="nobody",
+        completion={"success": {}},
+    )
+    eventually(lambda: unplaced.listed("batch/jobs"), what=unplaced.children)
+    eventually(
+        lambda: [pod for pod in unplaced.listed("pods") if pod["metadata"]["labels"].get(Label.COMPONENT) == "test"]
+    )
+    end_pod(unplaced, "test", "Failed")
+    app = wait_phase(unplaced, "check", "Failed")
+    assert app["status"]["instanceCounts"]["failed"] == 1
+    ready = unplaced.condition("check", "Ready")
+    assert ready["reason"] == "JobFailed"
+    assert "last with exit code 3" in ready["message"]
+    eventually(lambda: unplaced.deployments() == [], what=unplaced.children)
+    eventually(lambda: not domains_of(unplaced), what=unplaced.claims)
+
+
+def test_jobs_that_are_not_done_at_the_deadline_are_ended(unplaced: Tenant, ids: str) -> None:
+    unplaced.apply(
+        "late",
+        part("driver"),
+        part("save", job={}),
+        ros2={"pool": ids},
+        schedulerName="nobody",
+        completion={"deadline": "3s"},
+    )
+    wait_phase(unplaced, "late", "Failed")
+    eventually(lambda: unplaced.deployments() == [], what=unplaced.children)
+    eventually(lambda: not domains_of(unplaced), what=unplaced.claims)
+    assert unplaced.condition("late", "Ready")["reason"] in ("DeadlineExceeded", "JobFailed")
+
+
+def test_a_suspended_app_suspends_its_jobs_and_goes_on_with_them(unplaced: Tenant, ids: str) -> None:
+    unplaced.apply("work", part("save", job={}), ros2={"pool": ids}, schedulerName="nobody")
+    eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
+    (job,) = unplaced.listed("batch/jobs")
+    unplaced.edit("work", suspend=True)
+    eventually(lambda: not unplaced.listed("pods"), what=unplaced.children)
+    wait_phase(unplaced, "work", "Suspended")
+    unplaced.edit("work", suspend=False)
+    eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
+    assert [each["metadata"]["uid"] for each in unplaced.listed("batch/jobs")] == [job["metadata"]["uid"]]

@@ -1,0 +1,120 @@
+"""`runs`: table, provenance, and failed runs once more."""
+
+import json
+from typing import Any
+
+from tests.unit.cli.running import INSTANCES, ROBOTAPPS, UID, Stage, pod, robotapp
+
+Json = dict[str, Any]
+JOBS = "batch/jobs"
+DIGEST = "registry.example/sim@sha256:0123456789abcdef"
+
+
+def sweep() -> Json:
+    app = robotapp()
+    app["spec"]["components"] = [{"name": "sim", "image": "team/sim:1", "job": {}}]
+    return app
+
+
+def run_object(name: str, phase: str, **values: str) -> Json:
+    return {
+        "metadata": {"name": f"teleop-{name}", "namespace": "fleet", "labels": {"robotics.io/app-uid": UID}},
+        "spec": {"app": "teleop", "appUID": UID, "instance": name, "matrix": values},
+        "status": {"phase": phase, "domain": 7},
+    }
+
+
+def job(name: str, *conditions: str, seconds: int = 0, component: str = "sim") -> Json:
+    shown = [
+        {
+            "type": kind,
+            "status": "True",
+            "reason": "BackoffLimitExceeded",
+            "message": "too often",
+            "lastTransitionTime": "2026-01-01T00:01:00Z",
+        }
+        for kind in conditions
+    ]
+    status: Json = {"startTime": "2026-01-01T00:00:00Z", "conditions": shown, "failed": 2}
+    if seconds:
+        status["completionTime"] = f"2026-01-01T00:00:{seconds:02}Z"
+    return {
+        "metadata": {
+            "name": f"teleop-{name}-{component}",
+            "namespace": "fleet",
+            "uid": f"uid-{name}-{component}",
+            "labels": {
+                "robotics.io/app-uid": UID,
+                "robotics.io/instance": name,
+                "robotics.io/component": component,
+            },
+            "annotations": {"robotics.io/spec-hash": "abc", "robotics.io/rendered-by": "0.1.0"},
+        },
+        "status": status,
+    }
+
+
+def ended_pod(name: str, code: int, *, created: int) -> Json:
+    built = pod(
+        f"pod-{name}-{created}",
+        "sim",
+        node="edge-1",
+        instance=name,
+        phase="Succeeded" if code == 0 else "Failed",
+        containerStatuses=[
+            {"name": "sim", "image": "team/sim:1", "imageID": DIGEST, "state": {"terminated": {"exitCode": code}}}
+        ],
+    )
+    built["metadata"]["ownerReferences"] = [{"kind": "Job", "uid": f"uid-{name}-sim"}]
+    built["metadata"]["creationTimestamp"] = f"2026-01-01T00:00:{created:02}Z"
+    return built
+
+
+def fill(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(
+        INSTANCES,
+        run_object("b", "Failed", speed="1.5", seed="42"),
+        run_object("a", "Completed", speed="0.5", seed="42"),
+        run_object("c", "Pending", speed="2.5", seed="42"),
+    )
+    stage.add(JOBS, job("a", "Complete", seconds=40), job("b", "Failed"))
+    stage.add("/pods", ended_pod("a", 0, created=1), ended_pod("b", 1, created=1), ended_pod("b", 137, created=9))
+
+
+def test_each_run_has_its_values_duration_and_latest_exit_code(stage: Stage) -> None:
+    fill(stage)
+    assert [line.split() for line in stage.text("runs", "teleop").splitlines()] == [
+        ["RUN", "VALUES", "PHASE", "DURATION", "EXIT"],
+        ["a", "speed=0.5", "seed=42", "Completed", "40s", "0"],
+        ["b", "speed=1.5", "seed=42", "Failed", "60s", "137"],
+        ["c", "speed=2.5", "seed=42", "Pending"],
+    ]
+
+
+def test_provenance_has_what_a_run_was_run_with(stage: Stage) -> None:
+    fill(stage)
+    first, second, third = json.loads(stage.text("runs", "teleop", "-o", "json"))
+    assert (first["run"], first["parameters"], first["seed"]) == ("a", {"speed": "0.5", "seed": "42"}, "42")
+    assert (first["seconds"], first["endTime"], first["domain"]) == (40.0, "2026-01-01T00:00:40Z", 7)
+    (only,) = first["jobs"]
+    assert (only["specHash"], only["operatorVersion"], only["exitCode"]) == ("abc", "0.1.0", 0)
+    assert only["pods"][0]["node"] == "edge-1"
+    assert only["pods"][0]["images"] == [{"container": "sim", "image": "team/sim:1", "digest": DIGEST}]
+    assert [each["exitCode"] for each in second["jobs"][0]["pods"]] == [1, 137]
+    assert second["jobs"][0]["reason"] == "BackoffLimitExceeded: too often"
+    assert (third["startTime"], third["jobs"]) == (None, [])
+
+
+def test_failed_runs_are_repeated_and_others_are_left_alone(stage: Stage) -> None:
+    fill(stage)
+    printed = stage.text("runs", "teleop", "--failed")
+    assert "b: sim runs once more" in printed
+    assert [key.name for key in stage.api.store.objects if key.collection == JOBS] == ["teleop-a-sim"]
+
+
+def test_an_app_without_jobs_is_told_so(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, robotapp())
+    result = stage.run("runs", "teleop")
+    assert result.exit_code == 4
+    assert "no component with job" in result.output
