@@ -201,7 +201,8 @@ def _list_decisions(report: Report) -> list[str]:
         ours = [p for p in report.placements if (p.app, p.scheduler, p.repetition) == (app, SCHEDULERS[0].name, 0)]
         for component, decisions in ours[0].decisions.items() if ours else ():
             if any(" before " in decision for decision in decisions):
-                lines.append(f"- {app}, {component}: {'. '.join(decisions)}")
+                lines.append(f"- {app}, {component}:")
+                lines += [f"  - {decision}" for decision in decisions]
     return [
         "",
         "What decided, by the scheduler's own records (`explain`), where more than one node was feasible:",
