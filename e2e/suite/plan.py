@@ -160,8 +160,9 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "client/": ("tests/live/client/",),
     "console/": ("tests/live/console/", "tests/live/browser/", "tests/live/chart/test_console_objects.py"),
     "crds/": ("tests/live/crds/", "tests/live/peer_examples/"),
-    "examples/reference/": ("tests/live/reference/",),
+    "examples/reference/": ("tests/live/reference/", "e2e/tests/live/testbed/test_tutorials.py"),
     "examples/": ("e2e/tests/live/testbed/test_detached.py", "tests/live/journeys/"),
+    "docs/tutorials/": ("e2e/tests/live/testbed/test_tutorials.py",),
     "docs/": ("e2e/tests/live/testbed/test_detached.py", "tests/live/peer_examples/"),
     "helm/": ("tests/live/chart/", "tests/live/attacks/"),
     "operator/": (
@@ -244,6 +245,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "tests/support/virtual_time.py": ("e2e/tests/campaigns/",),
     "tests/support/work_unit.py": (
         "tests/live/attacks/",
+        "tests/live/chart/",
         "tests/live/nodes/",
         "tests/live/operating/",
         "tests/live/reference/",

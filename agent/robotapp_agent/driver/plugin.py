@@ -36,7 +36,7 @@ MOST_REFUSED: Final = 1024
 
 
 class Patience(NamedTuple):
-    """How long a preparation waits for a device in use. The kubelet would try again after 12 s only, and gives a call 45 s."""
+    """Seconds that a preparation waits for a device in use. The kubelet would try again after 12 s only, and gives a call 45 s."""
 
     first_s: float = 3.0
     """A claim's first try while another claim has the device in the API, too: the event that names the holder comes soon."""

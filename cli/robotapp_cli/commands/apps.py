@@ -150,14 +150,16 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     domain = "" if instance.domain is None else f", domain {instance.domain}"
     blank_line()
     phase = instance.observed.get("phase", Phase.PENDING.value)
-    print_line(f"{where}{domain}, {phase}", style="bold")
+    ended = instance.observed.get("completionTime")
+    since = f" {age(ended)} ago" if ended else ""
+    print_line(f"{where}{domain}, {phase}{since}", style="bold")
     wrong = _wrong(app, instance)
     if wrong:
         print_line(f"  {wrong}", style="yellow")
     components = instance.components
     messages = name_repeated([c["name"] for c in components], [c.get("message", "") for c in components])
     rows = [
-        [c["name"], c.get("node", ""), "yes" if c.get("ready") else "no", str(c.get("restarts", 0)), message]
+        [c["name"], c.get("node", ""), _describe_readiness(c), str(c.get("restarts", 0)), message]
         for c, message in zip(components, messages, strict=True)
     ]
     if rows:
@@ -171,6 +173,13 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     if wide and (claims := instance.observed.get("claims")):
         print_line(f"  claims {', '.join(claims)}")
     print_edges(with_percentiles(app, instance.edges), omitted=instance.observed.get("edgesOmitted", 0))
+
+
+def _describe_readiness(component: Json) -> str:
+    """`done` for a job that has completed."""
+    if component.get("completed"):
+        return "done"
+    return "yes" if component.get("ready") else "no"
 
 
 def _print_helpers(instance: Instance) -> None:

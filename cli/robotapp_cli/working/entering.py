@@ -102,8 +102,8 @@ async def _choose_pod(session: Session, selection: Selection) -> AppPod:
 
 def _missing_choices(selection: Selection, pods: Sequence[AppPod]) -> list[str]:
     """Returns what would choose among the pods."""
-    what = "one of these replicas" if selection.component else "the component"
-    choices = [what] if len({pod.component for pod in pods}) > 1 else []
+    replica_or_component = "one of these replicas" if selection.component else "the component"
+    choices = [replica_or_component] if len({pod.component for pod in pods}) > 1 else []
     return choices + (["--robot"] if len({pod.robot for pod in pods}) > 1 else [])
 
 

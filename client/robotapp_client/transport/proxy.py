@@ -1,4 +1,4 @@
-"""Which proxy leads to an API server: `proxy-url` of the kubeconfig, else HTTPS_PROXY and NO_PROXY, by the rules of kubectl.
+"""Finds the proxy that leads to an API server: `proxy-url` of the kubeconfig, else HTTPS_PROXY and NO_PROXY, by the rules of kubectl.
 
 These are the rules of Go's `golang.org/x/net/http/httpproxy`, which client-go follows: the variable in capitals comes before
 the small one, this machine is never reached through a proxy, and NO_PROXY holds names, domains, addresses and CIDRs. A

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from campaigns.cluster_cases import allocator_families as allocator
 from campaigns.cluster_cases import device_families as devices
 from campaigns.cluster_cases import eviction_families as eviction
 from campaigns.cluster_cases import migrated_families as migrated
@@ -101,6 +102,13 @@ DEVICE_FAMILIES = {
         ("configs", devices.draw_configs),
         ("unused", devices.draw_unused),
         ("no-class", devices.draw_no_class),
+        ("backtracking", allocator.draw_backtracking),
+        ("attributes", allocator.draw_attributes),
+        ("slices", allocator.draw_slices),
+        ("limit", allocator.draw_limit),
+        ("per-device", allocator.draw_per_device),
+        ("reach", allocator.draw_reach),
+        ("subrequests", allocator.draw_subrequests),
     )
 }
 """Families that are compared with kube-scheduler alone."""

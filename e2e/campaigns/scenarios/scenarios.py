@@ -210,7 +210,7 @@ def table(report: Report) -> Table:
 
 
 def section(report: Report) -> str:
-    """The part of docs/evaluation.md between its marks."""
+    """The part of docs/evaluation/eo1.md between its marks."""
     sizes = sorted(each.nodes for each in report.outcomes)
     options = report.options
     where = f"{sizes[0]} to {sizes[-1]} nodes (median {percentile(sizes, 50):.0f}), {report.machine['cores']} cores for everything"
@@ -300,7 +300,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--most-nodes", type=options.count(3, 1000), default=200)
     parser.add_argument("--only", default="", help="scenarios whose name this regular expression finds")
     parser.add_argument("--json", type=options.report, help="write every outcome to this file")
-    parser.add_argument("--page", type=Path, help="write the table between the marks of this page: docs/evaluation.md")
+    parser.add_argument(
+        "--page", type=Path, help="write the table between the marks of this page: docs/evaluation/eo1.md"
+    )
     return parser
 
 

@@ -1,18 +1,22 @@
-"""Domain pools: their status, and the order in which instances without a domain try to get an id of one."""
+"""Domain pools: their status, requests for their ids, and the order in which instances without a domain try to get one."""
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from typing import Any
 
 from robotapp_api.model.conditions import condition
-from robotapp_api.model.names import PoolCondition, PoolReason, Reason
-from robotapp_claims.rules.domain import pool_ids
+from robotapp_api.model.names import Label, PoolCondition, PoolReason, Reason
+from robotapp_claims.rules.domain import DomainRequest, pool_ids
+from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.instances import Instance
 from robotapp_claims.rules.objects import Pool
 from robotapp_claims.rules.pools import Fullness, Overlap, fullness, overlap_text, overlaps_of
 from robotapp_client import ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import DOMAINPOOLS
 from robotapp_client.api.times import whole_seconds
+from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.validate import limit_note
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
@@ -183,3 +187,45 @@ class Line:
         chosen = order[:free]
         self._order[pool] = [*order[free:], *chosen]
         return chosen
+
+
+def domain_request(app: App, instance: Instance, cache: Cache) -> DomainRequest:
+    """Returns the instance's request for a domain."""
+    ros2 = app.spec.ros2
+    return DomainRequest(
+        holder=holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid, instance=instance.robot),
+        pool=app.pool,
+        scope_value=_find_scope_value(app, instance, cache),
+        requested_id=app.requested_domain,
+        isolation=ros2.isolation if ros2 else "Domain",
+        share_with=app.share_with,
+        allow_unsafe=bool(ros2 and ros2.allow_unsafe_domain),
+    )
+
+
+def _find_scope_value(app: App, instance: Instance, cache: Cache) -> str:
+    """Returns the place within which an id is unique. Zone and node pools serve the place where the robot is; without a robot the one zone the app names."""
+    pool = cache.pools.get(app.pool)
+    scope = pool.spec.scope if pool else "Cluster"
+    node = cache.nodes.get(instance.node)
+    if instance.missing:
+        # Where it was when it took its id.
+        places = (claim.spec.domain for claim in cache.domains_held(app.uid, instance.robot))
+        return next((place.scope_value for place in places if place and place.pool == app.pool), "")
+    if scope == "Node":
+        return instance.node
+    if scope != "Zone":
+        return ""
+    if node is not None:
+        return node.metadata.labels.get(Label.ZONE, "")
+    zones = app.spec.placement.zones
+    return zones[0] if len(zones) == 1 else ""
+
+
+def count_shared_uses(app: App, cache: Cache) -> dict[int, int]:
+    """Counts Deployments per domain id over all apps, for pools with shared ids; {} for apps that share none, to save the count."""
+    if app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
+        return {}
+    groups = (cache.deployments.of(uid) for uid in cache.apps)
+    numbers = (deployment_domain(item) for group in groups for item in group.values())
+    return dict(Counter(number for number in numbers if number is not None))

@@ -5,7 +5,6 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 """
 
 import logging
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -14,8 +13,7 @@ import msgspec
 from robotapp_api.model.names import EventReason, Label, Reason
 from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
 from robotapp_claims.protocol.domains import ensure_domain
-from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, over_quota
-from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.domain import DomainOutcome, Fence, check_request, over_quota
 from robotapp_claims.rules.instances import Instance, robot_of
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.objects import ResourceClaim
@@ -61,6 +59,7 @@ from robotapp_operator.reconcile.devices.resource_claims import (
     release_unused,
     write_claims,
 )
+from robotapp_operator.reconcile.domain_pools import count_shared_uses, domain_request
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
@@ -171,8 +170,7 @@ class Children:
         if instance is None or not names_config(app, self._cache):
             self._params.forget_instance(app.uid, robot)
             return
-        own = app_of_instance(app, instance, self._cache)
-        await self._params.read(own, robot)
+        await self._params.read(app_of_instance(app, instance, self._cache), robot)
 
     def due_s(self, uid: str, robot: str) -> float:
         """Seconds after which a restart for a change of a ConfigMap may be made, or the time of its jobs is over; 0 when none waits."""
@@ -231,7 +229,7 @@ class Children:
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is None or self._cache.children(uid, robot) or self._cache.domains_held(uid, robot):
             return False
-        request = domain_request(app, instance, scope_value=self._scope_value(app, instance))
+        request = domain_request(app, instance, self._cache)
         if request.share_with or request.isolation != "Domain" or check_request(request, pool) is not None:
             return False
         refusal = over_quota(request, pool, held=self._count_ids(app))
@@ -286,10 +284,10 @@ class Children:
             return await self._write(app, robot, wanted, observed, fences)
         outcome = await ensure_domain(
             self._client,
-            domain_request(app, instance, scope_value=self._scope_value(app, instance)),
+            domain_request(app, instance, self._cache),
             app=msgspec.convert(body, ClaimsApp),
             deployments=list(map(protocol_view, templates)),
-            shared_uses=self._shared_uses(app),
+            shared_uses=count_shared_uses(app, self._cache),
             known_claims=self._cache.all_claims,
         )
         memory = self._memory.of(uid)
@@ -322,9 +320,8 @@ class Children:
 
     def _must_not_start(self, app: App, instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
         """Whether nothing of it may be made yet. An instance that is there already goes on as it is written."""
-        return not observed and bool(
-            instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
-        )
+        waits = instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
+        return bool(waits) and not observed
 
     def _claims_to_release(
         self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]
@@ -556,46 +553,6 @@ class Children:
         settled = self._memory.of(app.uid).settled
         progress = judge_progress(app, observed.values(), now=self._now())
         return plan(app, wanted, observed, version=self._version, settled=settled, progress=progress)
-
-    def _scope_value(self, app: App, instance: Instance) -> str:
-        """Zone and node pools serve the place where the robot is; without a robot the one zone the app names."""
-        pool = self._cache.pools.get(app.pool)
-        scope = pool.spec.scope if pool else "Cluster"
-        node = self._cache.nodes.get(instance.node)
-        if instance.missing:
-            # Where it was when it took its id.
-            places = (claim.spec.domain for claim in self._cache.domains_held(app.uid, instance.robot))
-            return next((place.scope_value for place in places if place and place.pool == app.pool), "")
-        if scope == "Node":
-            return instance.node
-        if scope != "Zone":
-            return ""
-        if node is not None:
-            return node.metadata.labels.get(Label.ZONE, "")
-        zones = app.spec.placement.zones
-        return zones[0] if len(zones) == 1 else ""
-
-    def _shared_uses(self, app: App) -> dict[int, int]:
-        """Deployments per domain id over all apps, for pools with shared ids; {} for apps that share none, to save the count."""
-        if app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
-            return {}
-        groups = (self._cache.deployments.of(uid) for uid in self._cache.apps)
-        named = (deployment_domain(item) for group in groups for item in group.values())
-        return dict(Counter(number for number in named if number is not None))
-
-
-def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainRequest:
-    """The instance's request for a domain."""
-    ros2 = app.spec.ros2
-    return DomainRequest(
-        holder=holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid, instance=instance.robot),
-        pool=app.pool,
-        scope_value=scope_value,
-        requested_id=app.requested_domain,
-        isolation=ros2.isolation if ros2 else "Domain",
-        share_with=app.share_with,
-        allow_unsafe=bool(ros2 and ros2.allow_unsafe_domain),
-    )
 
 
 def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | None:

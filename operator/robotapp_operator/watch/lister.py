@@ -246,9 +246,7 @@ def instance_facts(
     now_s: float,
     now: datetime,
 ) -> InstanceFacts:
-    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic; `now` is the wall clock.
-    barred: uids of pods that keep our gate, because no node admits them.
-    """
+    """Returns one instance as observed now. now_s: monotonic; barred: uids of pods that keep our gate, as no node admits them."""
     cluster_config = cluster_config_of(cache) if names_config(app, cache) else None
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
@@ -256,9 +254,8 @@ def instance_facts(
     progress = judge_progress(app, cache.jobs.of_instance(app.uid, instance.robot).values(), now=now)
     has_ended = progress.ending is not None
     unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs)
-    turn = describe_turn(app, instance.robot, cache)
-    asks_domain = needs_domain(app) and not has_ended and not turn
-    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress, turn)
+    asks_domain = needs_domain(app) and not has_ended and not describe_turn(app, instance.robot, cache)
+    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
     views = list(_view_components(app, instance.robot, sources))
     domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
@@ -523,8 +520,7 @@ def _not_restarted(deployments: Iterable[Deployment], pods: Mapping[str, list[Po
 class ComponentSources(NamedTuple):
     """What the views of an instance's components are made of.
 
-    cluster_config: None for an app that names no ConfigMap or Secret. unmet: for which others each component waits. turn: why the
-    instance does not begin yet.
+    cluster_config: None for an app that names no ConfigMap or Secret. unmet: for which others each component waits.
     """
 
     deployments: Sequence[Deployment]
@@ -534,18 +530,18 @@ class ComponentSources(NamedTuple):
     cluster_config: ClusterConfig | None
     unmet: Mapping[str, Sequence[str]]
     progress: Progress
-    turn: str
 
 
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
     """Yields the view of each component in the order of the spec."""
-    cache = sources.cache
+    cache, ending = sources.cache, sources.progress.ending
+    turn = describe_turn(app, robot, cache)
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)
         job = sources.progress.jobs.get(component.name)
         workload = job if component.job is not None else deployment
-        wait = sources.turn or describe_wait(app, sources.unmet.get(component.name, ()))
+        wait = turn or describe_wait(app, sources.unmet.get(component.name, ()))
         own_pods = sources.pods.get(workload.metadata.uid, ()) if workload else ()
         content = config_content(component, app, robot, sources.cluster_config) if sources.cluster_config else None
         if component.job is not None:
@@ -558,7 +554,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
                 barred=sources.barred,
                 failures=cache.pod_failures,
                 wait=wait,
-                ending=sources.progress.ending,
+                ending=ending,
             )
             continue
         yield component_view(
@@ -569,7 +565,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
             lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
             barred=sources.barred,
             failures=cache.pod_failures,
-            wait=wait,
+            wait=wait if ending is None else f"ended with its instance ({ending.reason})",
         )
 
 

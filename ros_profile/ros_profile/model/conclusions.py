@@ -23,7 +23,7 @@ class QosClass(StrEnum):
 
 
 class SubClass(StrEnum):
-    """Rows of the table in docs/evaluation.md: what the deadline and the latency budget follow from."""
+    """Rows of the table in docs/evaluation/eo3-rules.md: what the deadline and the latency budget follow from."""
 
     HARDWARE_LOOP = "RT-A"
     CONTROL_LOOP = "RT-B"

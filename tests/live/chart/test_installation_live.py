@@ -8,8 +8,10 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from tests.live.chart.chart import CRDS, NAMESPACE, NO_WORKLOADS, Chart, everything, of_kind
+from tests.live.chart.chart import CRDS, NAMESPACE, NO_WORKLOADS, OPERATOR, Chart, everything, of_kind
+from tests.support.work_unit import slowness
 
+from robotapp_claims.rules.device_attributes import DRIVER
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import CommandError
 
@@ -130,6 +132,33 @@ def test_by_default_the_crds_the_pool_and_users_apps_stay(free: Chart) -> None:
         f"ServiceAccount/{NAMESPACE}/default",
         f"ConfigMap/{NAMESPACE}/kube-root-ca.crt",
     }
+
+
+@pytest.mark.parametrize("propagation", ["background", "foreground"])
+def test_an_app_with_allocated_devices_ends_at_once_also_after_uninstall(free: Chart, propagation: str) -> None:
+    plane = free.plane
+    free.install(NO_WORKLOADS)
+    plane.kubectl("apply", "-f", "-", stdin=json.dumps(APP))
+    app_uid = plane.kubectl("get", "robotapp", "left", "--output=jsonpath={.metadata.uid}")
+    owner = {"apiVersion": APP["apiVersion"], "kind": "RobotApp", "name": "left", "uid": app_uid, "controller": True}
+    request = {"name": "arm", "exactly": {"deviceClassName": DRIVER}}
+    claim = {
+        "apiVersion": "resource.k8s.io/v1",
+        "kind": "ResourceClaim",
+        "metadata": {"name": "left-driver", "namespace": "default", "ownerReferences": [owner]},
+        "spec": {"devices": {"requests": [request]}},
+    }
+    plane.kubectl("create", f"--as={OPERATOR}", "-f", "-", stdin=json.dumps(claim))
+    user = {"apiGroup": "robotics.io", "resource": "robotapps", "name": "left", "uid": app_uid}
+    result = {"request": "arm", "driver": DRIVER, "pool": "robot-1", "device": "serial-1"}
+    status = {"allocation": {"devices": {"results": [result]}}, "reservedFor": [user]}
+    patch = ("patch", "resourceclaim", "left-driver", "--subresource=status", "--type=merge")
+    plane.kubectl(*patch, "-p", json.dumps({"status": status}))
+    free.uninstall()
+    plane.kubectl("delete", "robotapp", "left", f"--cascade={propagation}", "--wait=false")
+    plane.kubectl(
+        "wait", "--for=delete", "robotapp/left", "resourceclaim/left-driver", f"--timeout={5 * slowness():.0f}s"
+    )
 
 
 def test_a_new_installation_takes_the_kept_pool_over(free: Chart) -> None:

@@ -15,6 +15,10 @@ from robotapp_claims.rules.objects import (
     DeploymentSpec,
     EnvVar,
     Holder,
+    Job,
+    JobCondition,
+    JobMeta,
+    JobStatus,
     Meta,
     OwnerReference,
     Pod,
@@ -158,6 +162,33 @@ def replica_set(*numbers: int, wanted: int = 1, present: int = 1, of: dict[str, 
         metadata=Meta(name="rs", namespace="team", uid="rs-1", labels=of, owner_references=owned_by(of)),
         spec=DeploymentSpec(template=Template(spec=pod_spec(*numbers)), replicas=wanted),
         status=ReplicaSetStatus(replicas=present),
+    )
+
+
+def job(
+    *numbers: int | str,
+    component: str = "save",
+    of: dict[str, str] | None = None,
+    verdict: str = "",
+    created: str = "2026-01-01T00:00:00Z",
+    generation: int = 1,
+) -> Job:
+    """A Job of a component; verdict: Complete or Failed for one that has ended, a minute after it was created."""
+    of = (labels() if of is None else of) | {str(Label.COMPONENT): component}
+    ended = JobCondition(type=verdict, status="True", last_transition_time=created.replace(":00Z", ":59Z"))
+    return Job(
+        metadata=JobMeta(
+            name=f"teleop-{component}",
+            namespace="team",
+            uid=f"uid-{component}",
+            resource_version="1",
+            labels=of,
+            annotations={str(Annotation.APP_GENERATION): str(generation)},
+            owner_references=owned_by(of),
+            creation_timestamp=created,
+        ),
+        spec=DeploymentSpec(template=Template(spec=pod_spec(*numbers))),
+        status=JobStatus(conditions=(ended,) if verdict else ()),
     )
 
 

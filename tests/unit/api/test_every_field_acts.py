@@ -52,9 +52,10 @@ READERS: Final[Mapping[str, str]] = {
         spec.recordings.name spec.recordings.topics.names spec.recordings.topics.regex spec.recordings.topics.exclude
         spec.recordings.split.size spec.recordings.split.duration spec.recordings.retain.size spec.recordings.volume.claimName
         spec.recordings.tiers spec.recordings.image spec.recordings.imagePullPolicy spec.recordings.resources""",
-    f"{CLAIMS}/instances.py": "spec.robots.assignment",
     "crds/robotapp_api/values/sweeps/matrix.py": """
         spec.matrix.parameters.name spec.matrix.parameters.values spec.matrix.parallelism""",
+    f"{CLAIMS}/instances.py": """
+        spec.robots.assignment spec.completion.success.operator spec.completion.success.components spec.completion.deadline""",
     f"{CLAIMS}/device.py": """
         spec.components.devices.type spec.components.devices.model spec.components.devices.interface
         spec.components.devices.usbID spec.components.devices.sharing""",
@@ -124,7 +125,8 @@ READERS: Final[Mapping[str, str]] = {
     f"{PLAN}/render/node_affinity.py": """
         spec.components.template.spec.tolerations spec.components.runsOn spec.components.onDisconnect
         spec.components.requires.type spec.components.requires.model spec.components.requires.interface""",
-    f"{PLAN}/render/deployments.py": "spec.components.replicas",
+    f"{PLAN}/render/deployments.py": """
+        spec.components.replicas spec.components.job.backoffLimit spec.components.job.activeDeadlineSeconds""",
     "crds/robotapp_api/checks/replicas.py": "spec.components.replicaIdentity",
     f"{PLAN}/render/services.py": """
         spec.components.service.metadata.labels spec.components.service.metadata.annotations spec.components.service.spec.type
@@ -192,7 +194,7 @@ OBSERVED: Final[Mapping[str, str]] = {
         instance.summary.ready instance.summary.budget instance.summary.devices instance.summary.nodes
         instance.summary.message
         instance.components.name instance.components.node instance.components.ready instance.components.restarts
-        instance.components.message
+        instance.components.message instance.components.completed instance.completionTime
         instance.helpers.name instance.helpers.node instance.helpers.ready instance.helpers.restarts instance.helpers.image
         instance.helpers.message instance.links.component instance.links.name instance.links.url
         instance.edges.kind instance.edges.topic instance.edges.from instance.edges.to instance.edges.budget

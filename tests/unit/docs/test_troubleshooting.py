@@ -14,6 +14,7 @@ SOURCES: Final = ("crds", "client", "claims", "operator", "scheduler", "agent", 
 FINE: Final = {
     *(Reason.ACCEPTED, Reason.ALLOCATED, Reason.NOTHING_TO_ALLOCATE, Reason.PLACED, Reason.WAITING_FOR_PODS),
     *(Reason.WITHIN_BUDGET, Reason.ALL_READY, Reason.ROLLING_OUT, Reason.UP_TO_DATE, Reason.NOT_STALLED),
+    Reason.COMPLETED,
 }
 """Reasons of conditions that need no cure."""
 FROM_KUBECTL: Final = {'no matches for kind "RobotApp"', "needs the verb use on robotapps/"}

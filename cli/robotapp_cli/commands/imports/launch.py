@@ -53,13 +53,13 @@ def _refuse_compose_options(options: ImportOptions) -> None:
     if len(options.files) > 2:
         text = f"{_OPTION} takes one PACKAGE/FILE, and not {len(options.files) - 1}; import each into an app of its own"
         raise CliError(text, code=Exit.USAGE)
-    written = {
+    compose_options = {
         "--profile": options.profiles,
         "--env": options.env,
         "--env-file": options.env_files,
         "--project-directory": options.directory,
     }
-    for option, value in written.items():
+    for option, value in compose_options.items():
         if value:
             raise CliError(f"{option} goes with compose files, not with {_OPTION}; leave it out", code=Exit.USAGE)
 
@@ -102,9 +102,9 @@ def _find_unread(profile: "Profile", wanted: str) -> Path | None:
 def _set_images(robotapp: Json, images: Mapping[str, str]) -> None:
     """Writes the images of --image into the components. Raises CliError for a component that is not there."""
     components = {component["name"]: component for component in robotapp["spec"]["components"]}
-    if unknown := sorted(images.keys() - components.keys() - {EVERY}):
+    if unknown_names := sorted(images.keys() - components.keys() - {EVERY}):
         names = ", ".join(components)
-        raise CliError(f"--image {unknown[0]}: there is no such component; there are: {names}", code=Exit.USAGE)
+        raise CliError(f"--image {unknown_names[0]}: there is no such component; there are: {names}", code=Exit.USAGE)
     for name, component in components.items():
         component["image"] = images.get(name, images.get(EVERY, component["image"]))
 

@@ -27,8 +27,8 @@ def _extend(value: Json, part: Part | None, context: Context, place: str, refuse
         if name in refused:
             raise field.fail(refused[name])
     context.report.take(part, f"laid over {place}")
-    extended: Json = _lay_over(value, part)
-    return extended
+    component: Json = _lay_over(value, part)
+    return component
 
 
 def _lay_over(value: Any, part: Part) -> Any:
@@ -39,10 +39,10 @@ def _lay_over(value: Any, part: Part) -> Any:
         return [_lay_over(None, item) for item in part.items]
     if part.fields is None:
         return part.scalar
-    merged = dict(value) if isinstance(value, dict) else {}
+    fields = dict(value) if isinstance(value, dict) else {}
     for name, field in part.fields.items():
         if field.scalar is None and field.fields is None and field.items is None:
-            merged.pop(name, None)
+            fields.pop(name, None)
         else:
-            merged[name] = _lay_over(merged.get(name), field)
-    return merged
+            fields[name] = _lay_over(fields.get(name), field)
+    return fields

@@ -1,4 +1,4 @@
-"""Why each pod of an instance is where it is: the scheduler's record in words, and what the pod itself says."""
+"""Explains why each pod of an instance is where it is: the scheduler's record in words, and what the pod itself says."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -47,8 +47,8 @@ def select_pods(pods: Iterable[AppPod], robot: str) -> tuple[AppPod, ...]:
 
 def find_trouble(app: Json, robot: str) -> str:
     """Returns the operator's sentence about an instance that needs somebody, such as who holds the device it waits for."""
-    troubled = (app.get("status") or {}).get("troubled") or []
-    messages = (str(item.get("message") or "") for item in troubled if item.get("instance", "") == robot)
+    entries = (app.get("status") or {}).get("troubled") or []
+    messages = (str(item.get("message") or "") for item in entries if item.get("instance", "") == robot)
     return clean(next(messages, ""))
 
 
@@ -77,19 +77,19 @@ def _build_row(
     app: dict[str, Any], pod: AppPod, record: dict[str, Any] | None, *, robot: str, nodes: Mapping[str, str]
 ) -> ReasonRow:
     component = _name_component(pod)
-    scheduled = find_condition(pod.status.conditions, "PodScheduled")
+    condition = find_condition(pod.status.conditions, "PodScheduled")
     budgets = list_budgets(app, component, instance=robot, nodes=nodes)
-    refused = describe_refusals(record, budgets, hardware=describe_hardware(app, component)) if record else []
+    reasons = describe_refusals(record, budgets, hardware=describe_hardware(app, component)) if record else []
     if not pod.spec.node_name:
-        waiting = describe_waiting(record, {"reason": scheduled.reason, "message": scheduled.message})
-        refused = [*waiting, *refused] or [scheduled.message or _NOT_SEEN]
+        waiting_reasons = describe_waiting(record, {"reason": condition.reason, "message": condition.message})
+        reasons = [*waiting_reasons, *reasons] or [condition.message or _NOT_SEEN]
     top = (record or {}).get("top") or {}
     return ReasonRow(
         clean(component, 70),
         clean(pod.metadata.name, 253),
         clean(pod.spec.node_name, 253),
         clean(str((record or {}).get("runnerUp") or ""), 253),
-        _shorten([clean(line) for line in refused]),
+        _shorten([clean(line) for line in reasons]),
         tuple(clean(note) for note in _list_notes(pod, record or {})),
         tuple(
             (clean(str(node), 253), int(total))

@@ -1,4 +1,4 @@
-"""What changes for ROS in a pod that has the network or the shared memory of its node."""
+"""Warns of what changes for ROS in a pod that has the network or the shared memory of its node."""
 
 from collections.abc import Iterator
 from typing import Final

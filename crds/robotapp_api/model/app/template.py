@@ -109,7 +109,7 @@ class TemplateSpec(Model):
         Literal["Always", "OnFailure", "Never"] | None,
         _refused(
             "restartPolicy",
-            "leave it out: components are restarted when they end, and a program that is to end is written with job: {}",
+            "leave it out, or write job: {} in the component for a program that ends",
             empty="self == 'Always'",
         ),
     ] = None

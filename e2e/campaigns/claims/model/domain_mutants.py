@@ -4,7 +4,7 @@ from typing import Any
 
 from tests.support.claims import objects as make
 
-from campaigns.claims.model.domain_rules import ELSEWHERE, DomainRules, Instance
+from campaigns.claims.model.domain_rules import ELSEWHERE, DomainRules, Instance, JobRules
 from robotapp_claims.rules import bind, usage
 from robotapp_claims.rules.domain import DomainPlan, Step
 from robotapp_claims.rules.objects import Claim, Pod, ReplicaSet
@@ -94,6 +94,20 @@ class PodsOnly(DomainRules):
 
     def uses_sets(self, *_: Any) -> bool:
         return False
+
+
+class JobsNotListed(JobRules):
+    """M3j: only pods of jobs use an id."""
+
+    def __init__(self) -> None:
+        super().__init__(counted=False)
+
+
+class EndedJobsCount(JobRules):
+    """L1j: a job that has ended still uses its id."""
+
+    def __init__(self) -> None:
+        super().__init__(ended_ones_too=True)
 
 
 class NoSecondLook(DomainRules):

@@ -13,7 +13,7 @@ from tests.support.claims import objects as make
 from robotapp_claims.rules import bind, domain, release, usage
 from robotapp_claims.rules.domain import DomainPlan, DomainRequest
 from robotapp_claims.rules.identity import Found, domain_spec, id_order, same_tuple
-from robotapp_claims.rules.objects import App, AppSpec, Claim, Deployment, Holder, Meta, Pod, ReplicaSet, Ros2
+from robotapp_claims.rules.objects import App, AppSpec, Claim, Deployment, Holder, Job, Meta, Pod, ReplicaSet, Ros2
 from robotapp_claims.rules.release import Release
 from robotapp_claims.rules.repair import lost_grant
 from robotapp_client.transport.errors import ApiError, Forbidden, means_gone
@@ -218,6 +218,44 @@ class DomainRules:
 
     def error_means_gone(self) -> bool:
         return means_gone(refusal(), "app-0")
+
+
+class JobRules(DomainRules):
+    """Workloads that end. A Job takes the place of the Deployment, and that of its ReplicaSet: one that is replaced is there until its last
+    pod has ended, and one that has ended stays.
+    """
+
+    def __init__(self, *, counted: bool = True, ended_ones_too: bool = False) -> None:
+        super().__init__()
+        self._counted = counted
+        self._ended_ones_too = ended_ones_too
+
+    def uses_deployments(
+        self, instance: Instance, number: int, found: tuple[tuple[Instance, int], ...], app_state: str, forged: Forged
+    ) -> bool:
+        jobs = [self.job(owner, named) for owner, named in found]
+        jobs += [self.forge(self.job(owner, named), how) for owner, named, how in forged]
+        return self._use(jobs, instance, number, app_state)
+
+    def uses_sets(
+        self,
+        instance: Instance,
+        number: int,
+        found: tuple[tuple[Instance, int, int], ...],
+        app_state: str,
+        forged: Forged,
+    ) -> bool:
+        jobs = [self.job(owner, n, has_ended=not (up or self._ended_ones_too)) for owner, n, up in found]
+        jobs += [self.forge(self.job(owner, n), how) for owner, n, how in forged]
+        return self._use(jobs, instance, number, app_state)
+
+    def job(self, instance: Instance, number: int, *, has_ended: bool = False) -> Job:
+        numbers = () if number == NONE else (number,)
+        return make.job(*numbers, of=self.labels(instance), verdict="Complete" if has_ended else "")
+
+    def _use(self, jobs: list[Job], instance: Instance, number: int, app_state: str) -> bool:
+        seen = usage.usage_of(jobs=jobs if self._counted else ())
+        return seen.uses(self.claim(instance, number, 0), app_exists=self.exists(app_state))
 
 
 def refusal() -> ApiError:

@@ -14,7 +14,7 @@ from campaigns.claims.model import ledger_rules as ledgers
 from campaigns.claims.model.device import DeviceModel
 from campaigns.claims.model.device_rules import DeviceRules
 from campaigns.claims.model.domain import DomainModel
-from campaigns.claims.model.domain_rules import AUTO, NONE, DomainRules
+from campaigns.claims.model.domain_rules import AUTO, NONE, DomainRules, JobRules
 from campaigns.claims.model.explore import Model, Result, explore
 from campaigns.claims.model.ledger import OURS, THEIRS, LedgerModel
 from campaigns.claims.model.ledger_rules import LedgerRules
@@ -108,6 +108,9 @@ domain("R8", "forced template writes: still safe", "OK", mutants.Forced, quick=F
 domain("R9", "forced template writes move a running app", "FLAP", mutants.Forced, quick=False, specs=(), pods=2)
 domain("R10", "scaled-down ReplicaSets are kept as history", **SOLO, history=True)
 domain("R20s", "ids passed over on an old cache, 2 apps, 1 id", **ONE, pods=2, lag=False, old_cache=True)
+domain("R23s", "components that end, 2 apps, 1 id, 1 change", rules=JobRules, **ONE, pods=2, lag=False)
+domain("R23", "components that end, 2 apps, 1 id, 2 changes", rules=JobRules, quick=False, **ONE, changes=2)
+domain("R24s", "jobs that have ended are kept, 1 app, 2 ids", rules=JobRules, **SOLO, history=True)
 
 FORGED: dict[str, Any] = {"forgeries": 1}
 """An attacker writes one look-alike of anything, at any time, and leaves it."""
@@ -183,6 +186,7 @@ domain(
 domain("U3", "no bind check, any lost claim counts", "LOST|DOUBLE", mutants.NoBindCheck, live=False, **ONE, pods=2)
 
 domain("L1", "history counts as use", "STUCK", mutants.HistoryCounts, **SOLO, history=True)
+domain("L1j", "jobs that have ended count as use", "STUCK", mutants.EndedJobsCount, **SOLO, history=True)
 domain("L2", "any child keeps all claims", "STUCK", mutants.AnyChildKeepsAll, **SOLO)
 domain("L3", "bind check by owner chain", "STUCK", mutants.OwnerChain, quick=False, specs=(), pods=2)
 domain("L3s", "bind check by owner chain, 1 id", "STUCK", mutants.OwnerChain, ids=1, specs=(), pods=2, lag=False)
@@ -209,6 +213,15 @@ domain(
     mutants.PodsOnly,
     quick=False,
     specs=(),
+    pods=2,
+)
+domain(
+    "M3j",
+    "jobs do not count as use, no bind check",
+    "LOST|DOUBLE",
+    type("JobsNotListedUnchecked", (mutants.JobsNotListed, mutants.NoBindCheck), {}),
+    live=False,
+    **ONE,
     pods=2,
 )
 domain(

@@ -39,5 +39,5 @@ def test_the_table_has_runs_and_counts_of_both_schedulers_and_every_miss_of_ours
 
 
 def test_the_page_has_a_place_for_the_table() -> None:
-    page = replaced((DOCS / "evaluation.md").read_text(), "the table", begin=BEGIN, end=END)
+    page = replaced((DOCS / "evaluation" / "eo1.md").read_text(), "the table", begin=BEGIN, end=END)
     assert f"{BEGIN}\nthe table\n{END}" in page

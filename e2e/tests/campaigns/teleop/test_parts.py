@@ -1,11 +1,8 @@
-"""The parts around a deployment: the machine's load, its pods, its residents."""
-
-from typing import Any
+"""The parts around a deployment: the machine's load, the residents of the nodes."""
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.teleop import deployments
 from campaigns.teleop.cluster import make_resident
 from campaigns.teleop.design import FAR, NEAR
 from campaigns.teleop.machine import CpuTimes, parse_cpu_times
@@ -25,26 +22,6 @@ def test_shares_of_the_load_are_shares(ticks: tuple[int, ...], spent: tuple[int,
     later = CpuTimes(tuple(one + other for one, other in zip(ticks, spent, strict=True)))
     load = CpuTimes(ticks).describe_load(later, average=0.0)
     assert 0 <= load.steal_share <= load.busy_share <= 1
-
-
-def pod(name: str, component: str, node: str = "") -> dict[str, Any]:
-    labels = {"robotics.io/app": "teleop-1", **({"robotics.io/component": component} if component else {})}
-    return {"metadata": {"name": name, "labels": labels}, "spec": {"nodeName": node} if node else {}}
-
-
-def test_the_newest_operator_counts_and_helpers_are_what_is_no_component() -> None:
-    pods = [pod("o1", "operator", NEAR), pod("r", "robot", "amr-07"), pod("d", "", FAR), pod("o2", "operator", FAR)]
-    assert deployments.find_operator_node(pods) == FAR
-    assert deployments.list_helper_nodes(pods) == {"d": FAR}
-    assert deployments.find_operator_node([pod("o1", "operator")]) == ""
-    assert deployments.find_operator_node([]) == ""
-
-
-def test_restarts_of_all_containers_are_counted() -> None:
-    restarted = pod("o1", "operator", NEAR) | {
-        "status": {"containerStatuses": [{"restartCount": 2}, {"restartCount": 1}]}
-    }
-    assert deployments.count_restarts([restarted, pod("r", "robot")]) == 3
 
 
 def test_residents_differ_in_name_and_node_alone_and_request_nothing() -> None:

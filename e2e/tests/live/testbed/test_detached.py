@@ -10,47 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from e2e.tests.live.testbed.reader import DOWN, EXAMPLES, Reader, Shell
 
-from campaigns.nodes.walkthrough import Command, File, not_seen, steps
-from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed import wait_until
 from robotapp_testbed.processes import guard
-from robotapp_testbed.processes.detached import Cluster
 
 pytestmark = pytest.mark.live
 
-EXAMPLES = Path(__file__).parents[4] / "examples"
 BUSY = "kubectl robotapp info can-rival"
-DOWN = "python -m robotapp_testbed down"
-
-
-class Shell:
-    """The command line with a cache of its own for the state of clusters; the binaries are those of this machine."""
-
-    def __init__(self, folder: Path) -> None:
-        self.root = folder / "robotapp" / "clusters"
-        binaries = folder / "binaries"
-        binaries.mkdir()
-        for name, path in ControlPlane().get_binaries().items():
-            (binaries / name).symlink_to(path)
-        self.temporary = folder / "tmp"
-        self.temporary.mkdir()
-        own = {"XDG_CACHE_HOME": str(folder), "ROBOTAPP_ASSETS": str(binaries), "TMPDIR": str(self.temporary)}
-        self.env = {**os.environ, **own}
-
-    def run(self, *args: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "robotapp_testbed", *args]
-        return subprocess.run(command, env=self.env, capture_output=True, text=True, check=False, timeout=240)
-
-    def cluster(self, name: str = "default") -> Cluster:
-        return Cluster(name, root=self.root)
-
-
-@pytest.fixture
-def shell(tmp_path: Path) -> Iterator[Shell]:
-    made = Shell(tmp_path)
-    yield made
-    for name in ("default", "second"):
-        made.cluster(name).down()
 
 
 def test_a_cluster_stays_until_it_is_taken_down(shell: Shell) -> None:
@@ -89,47 +56,6 @@ def test_a_cluster_stays_until_it_is_taken_down(shell: Shell) -> None:
     assert not Path(state.run_dir).exists()
     assert not any(guard.start_time(pid) for pid in [state.holder_pid, *state.processes.values()])
     assert shell.run("status").returncode == 3
-
-
-ENTERED = ("bash scripts/environment", ". .venv/bin/activate", 'eval "$(python -m robotapp_testbed env)"')
-"""What these tests have done already, or do before every line."""
-
-
-class Reader:
-    """Somebody who types the lines of a page in a folder of their own, beside the examples."""
-
-    def __init__(self, shell: Shell, folder: Path) -> None:
-        self.folder = folder
-        self.env = {**shell.env, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8"}
-        folder.mkdir()
-        (folder / "examples").symlink_to(EXAMPLES)
-
-    def types(self, line: str) -> str:
-        script = ["/bin/sh", "-c", f'eval "$(python -m robotapp_testbed env 2>/dev/null)"; {line}']
-        done = subprocess.run(script, env=self.env, cwd=self.folder, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, (line, done.stdout, done.stderr)
-        return done.stdout
-
-    def follows(self, page: str) -> None:
-        """Every line but `down`, each with what the page shows below it."""
-        for step in steps(page):
-            if isinstance(step, File):
-                (self.folder / step.name).write_text(step.text)
-            elif step.line not in (*ENTERED, DOWN):
-                self.sees(step)
-
-    def sees(self, step: Command) -> None:
-        """Looks again for a while: what a status shows comes a moment after the condition that was waited for."""
-        output = self.types(step.line)
-        looks = re.match(r"kubectl (get|robotapp) ", step.line)
-        assert not not_seen(step.shown, output) or (
-            looks and wait_until(lambda: not not_seen(step.shown, self.types(step.line)), timeout_s=30)
-        ), (step.line, output)
-
-
-@pytest.fixture
-def reader(shell: Shell, tmp_path: Path) -> Reader:
-    return Reader(shell, tmp_path / "reader")
 
 
 def test_tutorial_and_examples_run_line_by_line_as_their_pages_have_them(reader: Reader) -> None:

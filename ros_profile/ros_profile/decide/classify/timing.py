@@ -1,4 +1,4 @@
-"""Sub-class, deadline and latency budget, by the period of the loop or stream (docs/evaluation.md has the table)."""
+"""Sub-class, deadline and latency budget, by the period of the loop or stream (docs/evaluation/eo3-rules.md has the table)."""
 
 import re
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ WORDS = {
     SubClass.FLEET: "fleet or bridge",
     SubClass.BEST_EFFORT: "display, recording or tool",
 }
-"""What the rows are, for --explain; docs/evaluation.md has the same table."""
+"""What the rows are, for --explain; docs/evaluation/eo3-rules.md has the same table."""
 _RATE = re.compile(r"(?:^|[._/])(?:\w*_)?(?:frequency|freq|rate|hz|fps|framerate|frame_rate)$", re.IGNORECASE)
 _PERIOD = re.compile(r"(?:^|[._/])(?:\w*_)?(?:period|interval)(?:_s|_sec)?$", re.IGNORECASE)
 _OTHER_RATE = re.compile(

@@ -1,5 +1,5 @@
 """How much each feature speaks for each class, in natural-logarithm units: a difference of 1 makes a class 2.7 times as
-likely. Set from what ROS defines (a controller plug-in runs in the control loop), then calibrated: docs/evaluation.md.
+likely. Set from what ROS defines (a controller plug-in runs in the control loop), then calibrated: docs/evaluation/eo3.md.
 """
 
 WEIGHTS: dict[str, tuple[float, float, float, float]] = {
@@ -164,5 +164,5 @@ TEMPERATURE = 1.25
 """Of the softmax: the sum of features that overlap is divided by it before it becomes a probability."""
 CALIBRATION = ((0.0, 0.0), (0.4, 0.45), (0.55, 0.75), (0.85, 0.82), (0.95, 0.96), (1.0, 0.99))
 """Probability of the softmax and how often it is right, linear between: fitted on ordinary packages before rules were
-mended with them (docs/evaluation.md).
+mended with them (docs/evaluation/eo3.md).
 """

@@ -92,7 +92,7 @@ def held(pod: PodInfo, gate: PreEnqueueStatus) -> ScheduleResult:
     )
 
 
-def closed(loaded: RegisteredPlugin, status: Status) -> PreEnqueueStatus:
+def closed(loaded: RegisteredPlugin, status: Status, pod: PodInfo) -> PreEnqueueStatus:
     """The gate of a plugin; no condition is written for it, as upstream, but when the plugin is broken or waits for another pod (Pending)."""
     if status.code is Code.ERROR:
         code = PodReason.SCHEDULER_ERROR
@@ -100,7 +100,8 @@ def closed(loaded: RegisteredPlugin, status: Status) -> PreEnqueueStatus:
             plugin=loaded.name, reason=status.reason, events=loaded.events, code=code, report_after_s=0.0
         )
     waiting = PodReason.WAITING_FOR_PREDECESSOR if status.code is Code.PENDING else ""
-    return PreEnqueueStatus(plugin=loaded.name, reason=status.reason, events=loaded.events, code=waiting)
+    group = loaded.gate_group(pod) if loaded.gate_group is not None else ""
+    return PreEnqueueStatus(plugin=loaded.name, reason=status.reason, events=loaded.events, group=group, code=waiting)
 
 
 class Diagnosis:

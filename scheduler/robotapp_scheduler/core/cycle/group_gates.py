@@ -3,7 +3,7 @@ predecessor of a single-replica component gone. Pods with ROS fields wait while 
 """
 
 from collections.abc import Collection, Hashable
-from typing import Final
+from typing import Any, Final
 
 from robotapp_api.model.names import GROUP, Label, PodReason
 from robotapp_api.values.placement.tiers import FAILOVER, ROBOT, on_disconnect
@@ -11,6 +11,7 @@ from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.pod_group import REPORT_AFTER_S
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import list_claim_keys, make_claim_key
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.pods.pod_group_index import APIS, GroupRef, group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
@@ -38,21 +39,33 @@ def group_key(pod: PodInfo) -> Hashable | None:
 
 
 def groups_of(seen: Event) -> tuple[str, ...]:
-    """The groups an event concerns, by `PreEnqueueStatus.group`: pods, owners and claims have a RobotApp's uid as a label."""
+    """The groups an event concerns, by `PreEnqueueStatus.group`: pods, owners and claims have a RobotApp's uid as a label.
+
+    A ResourceClaim is a group for the pods that it holds back.
+    """
     found = seen.new if seen.new is not None else seen.old
     if found is None:
         return ()
     meta: Metadata = found.metadata
-    if seen.resource == "robotapps":
+    if seen.resource == "resourceclaims":
+        return (make_claim_key(meta.namespace, meta.name),)
+    if seen.resource == "pods" and found.spec.resource_claims:
+        return (*list_claim_keys(found), *_groups_of_object(seen.resource, found))
+    return _groups_of_object(seen.resource, found)
+
+
+def _groups_of_object(resource: str, found: Any) -> tuple[str, ...]:
+    meta: Metadata = found.metadata
+    if resource == "robotapps":
         return (meta.uid,)
-    if seen.resource == "podgroups":
+    if resource == "podgroups":
         return tuple(GroupRef(api, meta.namespace, meta.name).key for api in APIS)
-    if seen.resource == "pods" and not in_group(found):
+    if resource == "pods" and not in_group(found):
         return ()
     uid = (meta.labels or {}).get(Label.APP_UID)
     if uid:
         return (uid,)
-    ref = group_ref_of(found) if seen.resource == "pods" else None
+    ref = group_ref_of(found) if resource == "pods" else None
     return (ref.key,) if ref is not None else ()
 
 

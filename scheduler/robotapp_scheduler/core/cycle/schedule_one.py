@@ -428,8 +428,8 @@ class SchedulerCore:
         for loaded in runner.profile.pre_enqueue:
             status = loaded.pre_enqueue(pod) if loaded.pre_enqueue is not None else None
             if status is not None and status.code is Code.PENDING:
-                waiting = closed(loaded, status)
+                waiting = closed(loaded, status, pod)
             elif status is not None and status.code is not Code.SUCCESS:
-                return closed(loaded, status)
+                return closed(loaded, status, pod)
         gate = self.groups.gate(pod) if runner.profile.uses_ros else self.groups.pod_group_gate(pod)
         return gate or waiting  # the gates of groups explain more about a predecessor

@@ -19,6 +19,7 @@ from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
     find_robotapp,
     is_reserved_for,
     list_named_claims,
+    make_claim_key,
     score_preference,
 )
 from robotapp_scheduler.core.dynamic_resources.inventory import Inventory
@@ -293,17 +294,20 @@ class ClaimCache:
         for named_claim in list_named_claims(pod):
             if named_claim.claim is None:
                 continue
-            if not named_claim.claim:
-                return PodClaims(trouble=f'pod "{namespace}/{pod.metadata.name}": ResourceClaim not created yet')
+            claim_key = make_claim_key(namespace, named_claim.claim)
+            if not named_claim.claim:  # its name comes with the pod's own status
+                trouble = f'pod "{namespace}/{pod.metadata.name}": ResourceClaim not created yet'
+                return PodClaims(trouble=trouble, troubled_claim=claim_key)
             claim = self._claims.get((namespace, named_claim.claim))
             if claim is None:
-                return PodClaims(trouble=f'could not find ResourceClaim "{namespace}/{named_claim.claim}"')
+                trouble = f'could not find ResourceClaim "{namespace}/{named_claim.claim}"'
+                return PodClaims(trouble=trouble, troubled_claim=claim_key)
             trouble = explain_refusal(claim, pod, made_for_pod=named_claim.made_for_pod)
             if trouble:
-                return PodClaims(trouble=trouble)
+                return PodClaims(trouble=trouble, troubled_claim=claim_key)
             trouble = self._explain_predecessor(claim, pod.metadata.uid)
             if trouble:
-                return PodClaims(trouble=trouble, waits=True)
+                return PodClaims(trouble=trouble, waits=True, troubled_claim=claim_key)
             if claim.metadata.uid in states:
                 continue  # two references to one claim
             state = states[claim.metadata.uid] = self._find_state(claim, group)

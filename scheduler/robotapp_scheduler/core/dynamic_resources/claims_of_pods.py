@@ -44,7 +44,7 @@ class ClaimState(NamedTuple):
 
 class PodClaims(NamedTuple):
     """All claims of a pod in the order of its spec, each once, or `trouble`: why it cannot be tried with them now.
-    `waits`: because another pod has to be gone before.
+    `waits`: because another pod has to be gone before. `troubled_claim` is the key of the claim that the trouble is about.
 
     Pods with equal keys can use the same nodes.
     """
@@ -52,6 +52,7 @@ class PodClaims(NamedTuple):
     states: tuple[ClaimState, ...] = ()
     trouble: str = ""
     waits: bool = False
+    troubled_claim: str = ""
     key: Hashable = ()
 
     @property
@@ -81,6 +82,16 @@ def list_named_claims(pod: Pod) -> Iterator[NamedClaim]:
             yield NamedClaim(reference.name, reference.resource_claim_name, made_for_pod=False)
         else:
             yield NamedClaim(reference.name, names.get(reference.name, ""), made_for_pod=True)
+
+
+def make_claim_key(namespace: str, name: str) -> str:
+    """The claim as a group of events (core.cycle.group_gates)."""
+    return f"resourceclaims/{namespace}/{name}"
+
+
+def list_claim_keys(pod: Pod) -> tuple[str, ...]:
+    """Keys of the claims that a pod names."""
+    return tuple(make_claim_key(pod.metadata.namespace, named.claim) for named in list_named_claims(pod) if named.claim)
 
 
 def explain_refusal(claim: ResourceClaim, pod: Pod, *, made_for_pod: bool) -> str:

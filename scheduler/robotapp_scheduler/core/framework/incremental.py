@@ -71,6 +71,10 @@ HintServes = Callable[[PodInfo, Event], int | None]
 
 So many are tried at once, the others second by second. Without it: all are tried at once.
 """
+GateGroup = Callable[[PodInfo], str]
+"""`gate_group(pod)`, with `pre_enqueue`: the group whose events alone may open the gate that was just closed (`groups_of` of
+core.cycle.group_gates), "" for any event. Without it: any of `events`.
+"""
 
 # --- Preemption: what a filter decides once pods are gone -------------------------------------------------------------
 

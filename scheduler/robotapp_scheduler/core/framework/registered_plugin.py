@@ -10,6 +10,7 @@ from robotapp_scheduler.core.framework.incremental import (
     BesideHook,
     Confined,
     FilterRow,
+    GateGroup,
     HintOfEach,
     HintServes,
     Minds,
@@ -130,6 +131,7 @@ class RegisteredPlugin:
         self.room: Room | None = getattr(plugin, "room", None)
         self.queueing_hint = self._queueing_hint_of(plugin)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
+        self.gate_group: GateGroup | None = getattr(plugin, "gate_group", None)
         self.queue_key: Callable[[PodInfo, float], tuple[Any, ...]] | None = getattr(plugin, "queue_key", None)
 
     def _queueing_hint_of(self, plugin: Any) -> QueueingHint:

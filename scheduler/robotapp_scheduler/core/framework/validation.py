@@ -46,7 +46,7 @@ HOOKS: Final = (
         "minds",
         "hint",
     ),
-    *("hint_of_each", "hint_serves", "touched_by", "beside", "room"),
+    *("hint_of_each", "hint_serves", "gate_group", "touched_by", "beside", "room"),
 )
 
 

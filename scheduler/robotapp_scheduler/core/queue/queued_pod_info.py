@@ -15,7 +15,7 @@ class PreEnqueueStatus(msgspec.Struct, frozen=True):
     reason: str
     events: Change = Change.ALL
     group: str = ""
-    """When set, only events about this group count (uid of a RobotApp, or key of a PodGroup)."""
+    """When set, only events about this group count (uid of a RobotApp, or key of a PodGroup or ResourceClaim)."""
     code: str = ""
     """Reason for the pod's condition; empty: no condition is written."""
     whole_group: bool = False

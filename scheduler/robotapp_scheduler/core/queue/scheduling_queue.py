@@ -139,8 +139,8 @@ class SchedulingQueue:
     def move(self, what: Change | Event, *, groups: Iterable[str] = (), but: str = "") -> int:
         """Something changed: waiting pods it may help go back, gates it may open are tested. Answers how many left.
 
-        `groups` are those around which something changed (RobotApp uids, PodGroup keys); gates of other groups are not
-        tested. The pod `but` takes no notice: its own failure freed the room, and must not wake it again.
+        `groups` are those around which something changed (RobotApp uids, keys of PodGroups and ResourceClaims); gates of other
+        groups are not tested. The pod `but` takes no notice: its own failure freed the room, and must not wake it again.
         """
         event = what if isinstance(what, Event) else Event("", what)
         if not event.change:
@@ -317,18 +317,16 @@ class SchedulingQueue:
         queued.gate = self._gate(queued.info)
         if queued.gate is None:
             return False
-        self._gated.add(queued.info.uid, queued.gate.events)
+        self._gated.add(queued.info.uid, queued.gate.events, queued.gate.group)
         return True
 
     def _test_gates(self, event: Event, groups: frozenset[str]) -> int:
         opened = 0
         closed: set[str] = set()
-        for uid in self._gated.concerned(event.change):
+        for uid in self._gated.concerned(event.change, groups):
             queued = self._pods[uid]
             gate = queued.gate
-            if gate is None or (gate.group and gate.group not in groups):
-                continue
-            if gate.whole_group and gate.group in closed:
+            if gate is None or (gate.whole_group and gate.group in closed):
                 continue
             self._gated.discard(uid)
             self._requeue_from_wait(queued, event.label, immediate=False)

@@ -235,38 +235,47 @@ class UnschedulablePods:
 
 
 class GatedPods:
-    """Uids of gated pods. Iteration is in order of closing within those that the same changes concern."""
+    """Uids of gated pods. Iteration is in order of closing within those that the same changes of the same group concern."""
 
     def __init__(self) -> None:
-        self._events: dict[str, Change] = {}
-        self._by_events: dict[Change, dict[str, None]] = {}
+        self._places: dict[str, tuple[str, Change]] = {}
+        self._by_group: dict[str, dict[Change, dict[str, None]]] = {}
+        """By the group whose events alone count ("": those of any), so that an event costs nothing for pods of other groups."""
 
     def __repr__(self) -> str:
         return f"<GatedPods {len(self)}>"
 
     def __len__(self) -> int:
-        return len(self._events)
+        return len(self._places)
 
     def __contains__(self, uid: str) -> bool:
-        return uid in self._events
+        return uid in self._places
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._events)
+        return iter(self._places)
 
-    def add(self, uid: str, events: Change) -> None:
+    def add(self, uid: str, events: Change, group: str = "") -> None:
         self.discard(uid)
-        self._events[uid] = events
-        self._by_events.setdefault(events, {})[uid] = None
+        self._places[uid] = (group, events)
+        self._by_group.setdefault(group, {}).setdefault(events, {})[uid] = None
 
     def discard(self, uid: str) -> None:
-        events = self._events.pop(uid, None)
+        group, events = self._places.pop(uid, ("", None))
         if events is None:
             return
-        same = self._by_events[events]
-        del same[uid]
-        if not same:
-            del self._by_events[events]
+        by_events = self._by_group[group]
+        del by_events[events][uid]
+        if not by_events[events]:
+            del by_events[events]
+        if not by_events:
+            del self._by_group[group]
 
-    def concerned(self, change: Change) -> list[str]:
-        """Those whose gates this change may open."""
-        return [uid for events, uids in self._by_events.items() if events & change for uid in uids]
+    def concerned(self, change: Change, groups: Iterable[str] = ()) -> list[str]:
+        """Those whose gates this change around these groups may open."""
+        return [
+            uid
+            for group in ("", *groups)
+            for events, uids in self._by_group.get(group, {}).items()
+            if events & change
+            for uid in uids
+        ]

@@ -16,6 +16,7 @@ from robotapp_scheduler.core.cycle.given_up import given_up
 from robotapp_scheduler.core.cycle.group_gates import groups_around
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import list_claim_keys
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Handle, Readiness
 from robotapp_scheduler.core.framework.interface import BindContext, Code, Status
@@ -297,7 +298,7 @@ class BindingCycle:
             # Freed room may help every other waiting pod, exactly as if the pod had been deleted. Not this one: its own
             # failure would move it to the active queue again and again.
             event = Event("pods", change, old=pod.pod)
-            self._core.queue.move(event, groups=groups_around(pod), but=pod.uid)
+            self._core.queue.move(event, groups=(*groups_around(pod), *list_claim_keys(pod.pod)), but=pod.uid)
 
 
 def _queued(decision: ScheduleResult) -> QueuedPodInfo:

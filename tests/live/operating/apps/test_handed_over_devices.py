@@ -5,7 +5,7 @@ ResourceSlices stand in for the driver, and the test writes allocations as a sch
 
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import pytest
@@ -203,3 +203,73 @@ def test_an_app_with_an_allocated_claim_is_deleted_without_the_operator(
             eventually(lambda: not claims(tenant), what=lambda: claims(tenant))
         finally:
             operator.start().wait_ready()
+
+
+@pytest.mark.parametrize(
+    ("device", "cure"),
+    [
+        ({"name": "bus", "type": "can"}, "write template: {spec: {hostNetwork: true}}"),
+        ({"name": "lidar", "type": "serial", "sharing": "Namespace"}, "leave sharing out"),
+        ({"name": "lidar", "type": "serial", "sharing": "Cluster"}, "leave sharing out"),
+    ],
+    ids=["can", "namespace", "cluster"],
+)
+def test_what_no_driver_hands_over_is_told_with_its_cure_by_accepted_and_allocated(
+    tenant: Tenant, installed_plane: ControlPlane, ids: str, device: dict[str, Any], cure: str
+) -> None:
+    with ExitStack() as drivers:
+        for node in ("edge-1", "edge-2", "cloud-1"):
+            drivers.enter_context(running_driver(installed_plane, node))
+        tenant.apply("base", part("driver", devices=[device]), ros2={"pool": ids})
+        for kind in ("Accepted", "Allocated"):
+            eventually(lambda kind=kind: cure in tenant.condition("base", kind).get("message", ""))  # type: ignore[misc]
+        assert not claims(tenant)
+
+
+def test_a_claim_that_was_deleted_by_hand_is_made_anew_and_its_app_is_told_nothing_false(
+    installed_plane: ControlPlane, namespace: str, ids: str
+) -> None:
+    tenant = Tenant(installed_plane, namespace)
+    path = f"/apis/resource.k8s.io/v1/namespaces/{namespace}/resourceclaims"
+    scheduler = start_scheduler(installed_plane, name=f"scheduler-{secrets.token_hex(2)}", sweep_seconds=1)
+
+    def claim_of(app: str, but: str = "") -> dict[str, Any]:
+        return next(
+            item
+            for item in eventually(
+                lambda: [
+                    item
+                    for item in claims(tenant)
+                    if item["metadata"]["labels"][Label.APP] == app and item["metadata"]["uid"] != but
+                ]
+            )
+        )
+
+    try:
+        with running_driver(installed_plane):
+            tenant.apply("base", part("driver", devices=[LIDAR]), ros2={"pool": ids})
+            tenant.wait_ready("base")
+            tenant.apply("rival", part("driver", devices=[LIDAR]), ros2={"pool": ids})
+            tenant.wait("rival", "Placed", "False", reason="Unschedulable")
+            waiting = claim_of("rival")["metadata"]
+            installed_plane.api.delete(f"{path}/{waiting['name']}")
+            claim_of("rival", but=waiting["uid"])
+            used = claim_of("base")["metadata"]
+            installed_plane.api.delete(f"{path}/{used['name']}")
+            again = claim_of("base", but=used["uid"])
+            assert "allocation" not in again.get("status", {}), "a pod still has the device of the former claim"
+            tenant.wait("rival", "Allocated", "False")
+            message = tenant.wait("base", "Allocated", "False", reason="WaitingForDevices")["message"]
+            assert message.startswith("0 of 1 device is claimed")
+
+            (pod,) = [pod for pod in tenant.listed("pods") if pod["metadata"]["labels"][Label.APP] == "base"]
+            tenant.cp.kubectl("delete", "pod", pod["metadata"]["name"], "-n", namespace, "--wait=true")
+            eventually(
+                lambda: [item for item in claims(tenant) if item.get("status", {}).get("allocation")],
+                what=lambda: claims(tenant),
+            )
+            tenant.delete("base")
+            tenant.wait_ready("rival")
+            tenant.delete("rival")
+    finally:
+        scheduler.stop()

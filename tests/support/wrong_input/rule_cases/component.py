@@ -263,7 +263,7 @@ COMPONENT = [
     _refused(
         "restartPolicy",
         "Never",
-        "leave it out: components are restarted when they end, and a program that is to end is written with job: {}",
+        "leave it out, or write job: {} in the component for a program that ends",
         good="Always",
     ),
     _refused("resourceClaims", [{"name": "gpu"}], "write devices of the component", good=[]),

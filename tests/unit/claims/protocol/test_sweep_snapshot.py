@@ -15,7 +15,7 @@ from robotapp_client.api.resources import ROBOTAPPS
 @pytest.mark.parametrize(
     ("ask", "reads"),
     [
-        (View.usage_everywhere, {"list deployments": 1, "list replicasets": 1, "list pods": 1}),
+        (View.usage_everywhere, {"list deployments": 1, "list replicasets": 1, "list jobs": 1, "list pods": 1}),
         (View._robot_nodes, {"list nodes": 1}),
     ],
 )

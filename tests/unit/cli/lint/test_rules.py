@@ -166,3 +166,15 @@ def test_an_interface_that_no_agent_publishes_is_a_warning(interface: str, reaso
     (finding,) = [one for one in findings if one.path.endswith(".interface")]
     assert finding.severity is Severity.WARNING
     assert reason in finding.message
+
+
+@pytest.mark.parametrize(
+    ("kind", "meant"), [("camra", "camera"), ("seriel", "serial"), ("viedo", "video"), ("tyt", ""), ("thermometer", "")]
+)
+def test_a_misspelt_type_of_device_is_asked_about_and_a_type_of_the_admins_own_rules_is_not(
+    kind: str, meant: str
+) -> None:
+    device = {"name": "port", "type": kind}
+    findings = lint(yaml.safe_dump(app(components=[component(devices=[device])])).encode()).findings
+    messages = [one.message for one in findings if one.path.endswith(".type")]
+    assert [f'did you mean "{meant}"?' in message for message in messages] == ([True] if meant else [])

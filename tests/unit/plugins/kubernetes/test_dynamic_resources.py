@@ -9,6 +9,7 @@ from tests.support.scheduler.devices import DRIVER, allocated_on, claim, device_
 from tests.support.scheduling import make_core, make_info, make_node, make_pod, to_pod
 
 from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.cycle.group_gates import groups_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.dynamic_resources.allocator import (
     MOST_STEPS,
@@ -221,6 +222,41 @@ def test_the_next_pod_of_a_robotapp_is_held_while_the_one_before_terminates(core
     assert change & DynamicResources.events
     assert gate_of(core, camera()) == ""
     assert tried(core, camera()) == "n1"
+
+
+def test_news_of_a_claim_test_the_gates_of_the_pods_that_it_holds_back_and_of_no_other(
+    core: SchedulerCore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Thousands of pods may wait for claims that come one by one: testing every gate each time would take minutes."""
+    with_devices(core.cluster, n1=3)
+    for number in range(3):
+        core.queue.add(wanting(f"claim{number}", name=f"p{number}"))
+    assert core.queue.pending()["gated"] == 3
+    tested: list[str] = []
+    gate = core.queue._gate
+    monkeypatch.setattr(core.queue, "_gate", lambda pod: (tested.append(pod.name), gate(pod))[1])
+    new = claim("claim1")
+    event = Event("resourceclaims", core.cluster.resource_claims.apply_claim(new), None, new)
+    core.queue.move(event, groups=groups_of(event))
+    assert tested == ["p1"]
+    assert [queued.info.name for queued in core.queue.pop()] == ["p1"]
+
+
+def test_the_end_of_a_pod_opens_the_gate_of_the_next_one_that_names_its_claim(core: SchedulerCore) -> None:
+    owner = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "name": "a", "uid": "uid-a", "controller": True}
+    users = [{"apiGroup": "robotics.io", "resource": "robotapps", "name": "a", "uid": "uid-a"}, USER]
+    core.cluster.resource_claims.apply_claim(
+        claim("camera", allocated_on("n1"), reservedFor=users, ownerReferences=[owner])
+    )
+    raw = msgspec.to_builtins(camera("other").pod)
+    before = to_pod({**raw, "metadata": {"name": "other", "namespace": "default", "uid": "uid-other"}})
+    before.spec.node_name = "n1"
+    core.cluster.apply_pod(before)
+    core.queue.add(camera())
+    assert core.queue.pending()["gated"] == 1
+    event = Event("pods", core.cluster.remove_pod(before), before, None)
+    core.queue.move(event, groups=groups_of(event))
+    assert core.queue.pending() == {"active": 1, "backoff": 0, "unschedulable": 0, "gated": 0}
 
 
 def test_pods_with_equal_claims_share_their_class_and_pods_without_any_have_one() -> None:

@@ -97,6 +97,10 @@ class DynamicResources:
             return None
         return Status(Code.UNRESOLVABLE, trouble)
 
+    def gate_group(self, pod: PodInfo) -> str:
+        """The claim that holds the pod back: until it changes, or a pod that uses it goes, the gate stays closed."""
+        return pod.claims.troubled_claim if pod.claims is not None else ""
+
     def pre_filter(self, pod: PodInfo, nodes: Snapshot) -> PreFilter | None:
         """Refuses a pod whose claims cannot be used or allocated now, on whatever node."""
         if pod.claims is None:

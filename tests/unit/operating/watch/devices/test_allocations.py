@@ -53,6 +53,13 @@ def test_a_node_has_the_driver_while_it_has_a_slice() -> None:
     assert allocations.version == version + 1
 
 
+def test_a_slice_for_several_nodes_is_none_of_our_driver() -> None:
+    allocations = Cache().allocations
+    assert not allocations.put_slice(slice_of("a", ""))
+    allocations.drop_slice(slice_of("a", ""))
+    assert allocations.version == 0
+
+
 def test_devices_of_an_app_are_those_of_claims_that_it_controls_in_its_namespace() -> None:
     cache = cache_with_app()
     cache.allocations.put_claim(claim(), before=None)

@@ -2,14 +2,16 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 from tests.support.factories import component, make_app
 
+from robotapp_claims.rules.objects import Pool
 from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.instance_object import wanted_object
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import instances_of
-from robotapp_operator.plan.spec.validate import problems_alone
+from robotapp_operator.plan.spec.validate import notes_of, problems_alone
 
 MATRIX = {"parameters": [{"name": "speed", "values": ["0.5", "1.5"]}, {"name": "planner", "values": ["dwb", "mppi"]}]}
 
@@ -139,3 +141,17 @@ def test_names_of_the_instance_and_variables_of_ones_own_are_accepted() -> None:
         template={"spec": {"volumes": [{"name": "out", "persistentVolumeClaim": {"claimName": "results"}}]}},
     )
     assert not problems_alone(sweep(part))
+
+
+def test_a_pool_that_is_too_small_for_the_parallelism_is_told_with_the_number() -> None:
+    pool = msgspec.convert(
+        {"metadata": {"name": "lab"}, "spec": {"ids": "1-20", "quota": {"namespaces": {"default": 3}}}}, Pool
+    )
+    (note,) = [note for note in notes_of(sweep(ros2={"pool": "lab"}), pool) if "parallelism" in note]
+    assert "4 instances at once" in note
+    assert "has 3 for namespace default" in note
+    assert "write parallelism: 3" in note
+    few = make_app(component("sim", job={}), matrix={**MATRIX, "parallelism": 3}, ros2={"pool": "lab"})
+    assert not [note for note in notes_of(few, pool) if "parallelism" in note]
+    shared = sweep(ros2={"pool": "lab", "isolation": "Discovery"})
+    assert not [note for note in notes_of(shared, pool) if "parallelism" in note]

@@ -1,0 +1,120 @@
+"""When an instance has ended: by its jobs' verdicts, by completion, and by its deadline."""
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.claims import objects as make
+
+from robotapp_api.model.names import Reason
+from robotapp_claims.rules.instances import (
+    CompletionRules,
+    JobState,
+    completion_rules_of,
+    deadline_of,
+    find_ending,
+    read_job_state,
+)
+from robotapp_claims.rules.objects import App
+from robotapp_claims.rules.usage import usage_of
+
+START = "2026-01-01T00:00:00Z"
+NOW = datetime(2026, 1, 1, 0, 1, tzinfo=UTC)
+RUNNING = JobState(START)
+COMPLETE = JobState(START, verdict="Complete", ended="2026-01-01T00:00:30Z")
+FAILED = JobState(START, verdict="Failed", ended="2026-01-01T00:00:40Z")
+
+
+def rules_of(*components: dict[str, Any], **spec: Any) -> CompletionRules | None:
+    body = {"metadata": {"name": "a"}, "spec": {"components": components, **spec}}
+    return completion_rules_of(msgspec.convert(body, App))
+
+
+def reason_of(rules: CompletionRules, **jobs: JobState) -> Reason | None:
+    ending = find_ending(rules, jobs, now=NOW)
+    return ending.reason if ending else None
+
+
+def test_an_app_of_jobs_alone_ends_with_them_and_one_with_others_runs_on_unless_completion_is_written() -> None:
+    job, driver = {"name": "save", "job": {}}, {"name": "driver"}
+    assert rules_of(job) == CompletionRules(frozenset({"save"}))
+    assert rules_of(driver) is None
+    assert rules_of(job, driver) is None
+    assert rules_of(job, driver, completion={}) == CompletionRules(frozenset({"save"}))
+    assert rules_of(job, {**driver, "replicas": 0}) == CompletionRules(frozenset({"save"}))
+
+
+def test_success_names_jobs_and_each_replica_with_an_ordinal_is_one() -> None:
+    run = {"name": "run", "job": {}, "replicas": 2, "replicaIdentity": "Ordinal"}
+    success = {"operator": "Any", "components": ["run"]}
+    found = rules_of(run, {"name": "save", "job": {}}, completion={"success": success, "deadline": "1h"})
+    assert found == CompletionRules(frozenset({"run-0", "run-1"}), any_suffices=True, deadline=timedelta(hours=1))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "all_of_them", "any_of_them"),
+    [
+        (None, None, None, None),
+        (RUNNING, COMPLETE, None, Reason.COMPLETED),
+        (COMPLETE, COMPLETE, Reason.COMPLETED, Reason.COMPLETED),
+        (FAILED, RUNNING, Reason.JOB_FAILED, None),
+        (FAILED, None, Reason.JOB_FAILED, None),
+        (FAILED, COMPLETE, Reason.JOB_FAILED, Reason.COMPLETED),
+        (FAILED, FAILED, Reason.JOB_FAILED, Reason.JOB_FAILED),
+    ],
+)
+def test_all_or_any_of_the_jobs_decide(
+    first: JobState | None, second: JobState | None, all_of_them: Reason | None, any_of_them: Reason | None
+) -> None:
+    jobs = {name: job for name, job in (("a", first), ("b", second)) if job is not None}
+    both = frozenset({"a", "b"})
+    assert reason_of(CompletionRules(both), **jobs) == all_of_them
+    assert reason_of(CompletionRules(both, any_suffices=True), **jobs) == any_of_them
+
+
+def test_an_ending_names_the_job_that_decided_it_and_when() -> None:
+    later = COMPLETE._replace(ended="2026-01-01T00:00:50Z")
+    jobs = {"a": COMPLETE, "b": later}
+    both = find_ending(CompletionRules(frozenset(jobs)), jobs, now=NOW)
+    first = find_ending(CompletionRules(frozenset(jobs), any_suffices=True), jobs, now=NOW)
+    assert both is not None
+    assert first is not None
+    assert (both.component, both.time, both.is_success) == ("b", later.ended, True)
+    assert (first.component, first.time) == ("a", COMPLETE.ended)
+
+
+def test_the_deadline_runs_from_the_first_job_of_the_newest_generation() -> None:
+    rules = CompletionRules(frozenset({"a", "b"}), deadline=timedelta(seconds=60))
+    old, new = COMPLETE._replace(generation=1), JobState("2026-01-01T00:00:30Z", generation=2)
+    assert deadline_of(rules, {}) is None
+    assert reason_of(rules, a=RUNNING) is Reason.DEADLINE_EXCEEDED
+    assert reason_of(rules, a=old, b=new) is None
+    assert deadline_of(rules, {"a": old, "b": new}) == datetime(2026, 1, 1, 0, 1, 30, tzinfo=UTC)
+
+
+def test_a_deadline_of_any_length_is_read() -> None:
+    found = rules_of({"name": "save", "job": {}}, completion={"deadline": "999999h999999h999999h"})
+    assert found is not None
+    assert found.deadline is not None
+    assert find_ending(found, {"save": RUNNING}, now=NOW) is None
+
+
+def test_a_job_uses_its_domain_until_it_has_ended_and_is_known_afterwards() -> None:
+    claim = make.domain_claim(7, make.app_holder("uid-1"))
+    running, ended = make.job(7, of=make.labels("uid-1")), make.job(7, of=make.labels("uid-1"), verdict="Failed")
+    assert usage_of(jobs=[running]).uses(claim, app_exists=True)
+    assert not usage_of(jobs=[running]).uses(claim, app_exists=False)
+    usage = usage_of(jobs=[ended])
+    assert not usage.uses(claim, app_exists=True)
+    assert list(usage.jobs.values()) == [{"save": read_job_state(ended)}]
+    assert usage.named_by_instance("team", "uid-1") == {"": frozenset()}
+
+
+def test_a_job_that_only_claims_to_be_an_apps_counts_for_nothing() -> None:
+    forged = msgspec.structs.replace(
+        make.job(7), metadata=msgspec.structs.replace(make.job(7).metadata, owner_references=())
+    )
+    usage = usage_of(jobs=[forged])
+    assert not usage.jobs
+    assert not usage.owned

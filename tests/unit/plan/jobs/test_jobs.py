@@ -1,0 +1,200 @@
+"""Jobs of components that end: rendered, run once, replaced after an edit alone, ended with their instance."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.factories import VERSION, component, make_app
+
+from robotapp_api.model.names import Annotation
+from robotapp_operator.plan.diff.diff import Plan, plan, wanted_children
+from robotapp_operator.plan.diff.jobs import judge_progress
+from robotapp_operator.plan.render.child import JOB, Child
+from robotapp_operator.plan.spec.dependencies import describe_wait, unmet_dependencies
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
+from robotapp_operator.plan.spec.objects import ChildRef, Job
+
+NOW = datetime(2026, 1, 1, 0, 1, tzinfo=UTC)
+DOMAIN = Domain(7, "dds.default.c.7")
+Observed = dict[ChildRef, Any]
+
+
+def app_of(*parts: dict[str, Any], **spec: Any) -> App:
+    return make_app(*parts or (component("save", job={}),), **spec)
+
+
+def children_of(
+    app: App, observed: Observed | None = None, *, domain: Domain | None = DOMAIN, running: bool = True
+) -> list[Child]:
+    observed = observed or {}
+    progress = judge_progress(app, observed.values(), now=NOW)
+    return wanted_children(
+        desired_of(app, ""), domain=domain, parameters={}, running=running, observed=observed, progress=progress
+    )
+
+
+def job_child(app: App, observed: Observed | None = None, *, name: str = "save", **options: Any) -> Child:
+    return next(
+        child for child in children_of(app, observed, **options) if child.component == name and child.ref.kind == JOB
+    )
+
+
+def stored(
+    app: App,
+    *,
+    name: str = "save",
+    verdict: str = "",
+    domain: Domain = DOMAIN,
+    spec: dict[str, Any] | None = None,
+    **meta: Any,
+) -> Observed:
+    """The Job as the API server has it, a minute old."""
+    child = job_child(app, name=name, domain=domain)
+    body = child.body(app, version=VERSION)
+    body["metadata"] |= {
+        "uid": f"uid-{name}",
+        "resourceVersion": "1",
+        "creationTimestamp": "2026-01-01T00:00:00Z",
+        **meta,
+    }
+    body["spec"] |= spec or {}
+    condition = {"type": verdict, "status": "True", "lastTransitionTime": "2026-01-01T00:00:30Z"}
+    body["status"] = {"conditions": [condition] if verdict else []}
+    return {child.ref: msgspec.convert(body, Job)}
+
+
+def plan_of(app: App, observed: Observed, **options: Any) -> Plan:
+    progress = judge_progress(app, observed.values(), now=NOW)
+    wanted = children_of(app, observed, **options)
+    return plan(app, wanted, observed, version=VERSION, settled={}, progress=progress)
+
+
+def test_a_job_runs_one_pod_that_is_never_restarted_in_place_nor_replaced_while_it_may_run() -> None:
+    spec = job_child(app_of(component("save", job={"backoffLimit": 2, "activeDeadlineSeconds": 60}))).spec
+    assert {key: spec[key] for key in spec if key != "template"} == {
+        "suspend": False,
+        "completions": 1,
+        "parallelism": 1,
+        "backoffLimit": 2,
+        "activeDeadlineSeconds": 60,
+        "podReplacementPolicy": "Failed",
+        "podFailurePolicy": {
+            "rules": [{"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]}]
+        },
+    }
+    assert spec["template"]["spec"]["restartPolicy"] == "Never"
+
+
+def test_a_job_that_is_as_wanted_is_left_alone_whether_it_runs_or_has_ended() -> None:
+    app = app_of()
+    assert not plan_of(app, stored(app))
+    assert not plan_of(app, stored(app, verdict="Complete"))
+    assert not plan_of(app, stored(app, verdict="Failed"))
+
+
+@pytest.mark.parametrize("verdict", ["", "Complete", "Failed"])
+def test_an_edit_of_the_component_replaces_its_job_once_its_pods_have_ended(verdict: str) -> None:
+    before, after = app_of(), app_of(component("save", job={}, args=["--fast"]))
+    observed = stored(before, verdict=verdict)
+    found = plan_of(after, observed)
+    assert [item.metadata.name for item in found.deletes] == [ref.name for ref in observed]
+    assert not [change for change in found.changes if change.child.ref.kind == JOB]
+    assert not plan_of(after, stored(before, deletionTimestamp="2026-01-01T00:00:50Z")).deletes
+    (job,) = [change for change in plan_of(after, {}).changes if change.child.ref.kind == JOB]
+    assert job.over is None
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{"job": {"backoffLimit": 1}}, {"job": {}, "dependsOn": [{"component": "driver"}]}],
+    ids=["limits", "order"],
+)
+def test_limits_and_order_do_not_run_a_job_that_has_ended_again(fields: dict[str, Any]) -> None:
+    before, after = (app_of(component("save", **parts), component("driver")) for parts in ({"job": {}}, fields))
+    found = plan_of(after, stored(before, verdict="Complete"))
+    assert not [item for item in found.deletes if isinstance(item, Job)]
+
+
+def test_another_domain_replaces_a_job_that_may_still_run_and_none_that_has_ended() -> None:
+    app, other = app_of(component("save", job={}), component("driver")), Domain(8, "dds.default.c.8")
+    assert [item for item in plan_of(app, stored(app), domain=other).deletes if isinstance(item, Job)]
+    assert not [
+        item for item in plan_of(app, stored(app, verdict="Complete"), domain=other).deletes if isinstance(item, Job)
+    ]
+
+
+def test_limits_and_suspension_are_changed_in_place_without_a_touch_of_the_template() -> None:
+    before, after = app_of(), app_of(component("save", job={"backoffLimit": 1}))
+    (change,) = plan_of(after, stored(before)).changes
+    assert change.amended is not None
+    assert change.amended["backoffLimit"] == 1
+    assert change.amended["template"] == stored(before).popitem()[1].spec["template"]
+    (stop,) = plan_of(before, stored(before), running=False).changes
+    assert stop.amended is not None
+    assert stop.amended["suspend"] is True
+
+
+def test_an_instance_that_has_ended_keeps_its_jobs_alone_and_ends_those_that_still_run() -> None:
+    app = app_of(
+        component("driver"),
+        component("save", job={}),
+        component("other", job={}),
+        completion={"success": {"operator": "Any"}},
+    )
+    observed = stored(app, verdict="Complete") | stored(app, name="other")
+    assert {child.component for child in children_of(app, observed, domain=None)} == {"save", "other"}
+    found = plan_of(app, observed, domain=None)
+    (change,) = found.changes
+    assert change.child.component == "other"
+    assert change.amended is not None
+    assert (change.amended["activeDeadlineSeconds"], change.amended["suspend"]) == (1, False)
+    assert not found.deletes
+
+
+def test_a_new_job_gets_what_is_left_of_the_deadline() -> None:
+    parts = component("first", job={}), component("save", job={"activeDeadlineSeconds": 900})
+    app = app_of(*parts, completion={"deadline": "10m"})
+    assert job_child(app).spec["activeDeadlineSeconds"] == 600
+    assert job_child(app, stored(app, name="first")).spec["activeDeadlineSeconds"] == 540
+    assert judge_progress(app, stored(app).values(), now=NOW).deadline == datetime(2026, 1, 1, 0, 10, tzinfo=UTC)
+
+
+def test_what_waits_for_a_job_starts_when_it_is_complete_and_not_when_it_has_failed_or_is_to_run_again() -> None:
+    after = [{"component": "save", "status": "Complete"}]
+    app = app_of(component("save", job={}), component("planner", dependsOn=after))
+
+    def waits(observed: Observed, of: App = app) -> bool:
+        jobs = judge_progress(of, observed.values(), now=NOW).jobs
+        return "planner" in unmet_dependencies(of, (), {}, jobs)
+
+    assert waits({})
+    assert waits(stored(app))
+    assert waits(stored(app, verdict="Failed"))
+    assert not waits(stored(app, verdict="Complete"))
+    edited = app_of(component("save", job={}, image="other"), component("planner", dependsOn=after))
+    assert waits(stored(app, verdict="Complete"), edited)
+    assert describe_wait(app, ("save",)) == "waits until save is Complete (dependsOn)"
+
+
+def test_a_newer_operators_job_for_this_very_spec_stands() -> None:
+    app = app_of()
+    observed = stored(app)
+    (job,) = observed.values()
+    job.metadata.annotations[str(Annotation.RUN_HASH)] = "as another version computes it"
+    assert plan_of(app, observed).deletes
+    job.metadata.annotations[str(Annotation.RENDERED_BY)] = "99.0.0"
+    assert not plan_of(app, observed).deletes
+
+
+def test_recordings_end_with_the_jobs() -> None:
+    app = app_of(recordings=[{"name": "bag", "topics": {"regex": ".*"}}])
+    assert app.completion_rules is not None
+    assert app.completion_rules.jobs == {"save"}
+
+
+def test_each_replica_with_an_ordinal_is_a_job_of_its_own() -> None:
+    app = app_of(component("run", job={}, replicas=2, replicaIdentity="Ordinal"))
+    assert [child.component for child in children_of(app) if child.ref.kind == JOB] == ["run-0", "run-1"]
+    assert app.completion_rules is not None
+    assert app.completion_rules.jobs == {"run-0", "run-1"}
