@@ -36,13 +36,8 @@ from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
 from robotapp_operator.reconcile.status_reporter import send_event
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import (
-    device_losses,
-    devices_of_pods,
-    instances_by_name,
-    owned_deployments,
-    problems_now,
-)
+from robotapp_operator.watch.facts.device_facts import device_losses, devices_of_pods
+from robotapp_operator.watch.lister import instances_by_name, owned_deployments, problems_now
 
 log = logging.getLogger(__name__)
 

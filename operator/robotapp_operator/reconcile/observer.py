@@ -21,15 +21,8 @@ from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, publish
 from robotapp_operator.reconcile.reconcile_state import AppMemory, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import (
-    app_of_instance,
-    cached_domain,
-    instance_facts,
-    instances_by_name,
-    names_config,
-    offline_s,
-    problems_now,
-)
+from robotapp_operator.watch.facts.instance_facts import instance_facts, offline_s
+from robotapp_operator.watch.lister import app_of_instance, cached_domain, instances_by_name, names_config, problems_now
 
 
 class Observer:
@@ -51,16 +44,17 @@ class Observer:
         self._now = now
 
     def app(self, record: Record, *, now: str) -> AppFacts | None:
-        """Facts of the app and all its instances; None when its spec cannot be parsed. `now`: RFC 3339, whole seconds."""
-        found = self.without_instances(record, now=now)
-        if found is None:
+        """Returns the facts of the app and all its instances; None when its spec cannot be parsed. `now`: RFC 3339, whole seconds."""
+        facts = self.without_instances(record, now=now)
+        if facts is None:
             return None
         instances = tuple(
-            self.instance(found.app, instance) for instance in instances_by_name(found.app, self._cache).values()
+            self.instance(facts.app, instance) for instance in instances_by_name(facts.app, self._cache).values()
         )
-        return dataclasses.replace(found, instances=instances)
+        return dataclasses.replace(facts, instances=instances)
 
     def without_instances(self, record: Record, *, now: str) -> AppFacts | None:
+        """Returns the facts of the app alone; None when its spec cannot be parsed."""
         app = record.app
         if app is None:
             return None
@@ -99,14 +93,19 @@ class Observer:
         return notes
 
     def instance(self, app: App, instance: Instance) -> InstanceFacts:
+        """Returns the facts of one instance: those of the last call while nothing that they depend on has changed."""
         memory = self._memory.of(app.uid)
-        own = memory.instance(instance.robot)
-        stamp = self._stamp(app, instance, memory, own)
+        instance_memory = memory.instance(instance.robot)
+        stamp = self._stamp(app, instance, memory, instance_memory)
         now_s = self._clock()
-        if own.facts is not None and own.stamp == stamp and now_s < own.facts_until_s:
-            return own.facts
-        before = own.facts
-        found = instance_facts(
+        if (
+            instance_memory.facts is not None
+            and instance_memory.stamp == stamp
+            and now_s < instance_memory.facts_until_s
+        ):
+            return instance_memory.facts
+        before = instance_memory.facts
+        facts = instance_facts(
             app,
             instance,
             self._cache,
@@ -114,22 +113,25 @@ class Observer:
             trouble=memory.troubles.get(instance.robot),
             held=memory.held.get(instance.robot, ()),
             barred=memory.barred.get(instance.robot, frozenset()),
-            stays=own.stays,
-            device_stays=own.device_stays,
+            stays=instance_memory.stays,
+            device_stays=instance_memory.device_stays,
             config_held=memory.config_held.get(instance.robot, ()),
             now_s=now_s,
             now=self._now(),
         )
-        found = self._publish(app, found, own, now_s)
+        facts = self._publish(app, facts, instance_memory, now_s)
         lost = self._cache.nodes.lost(instance.node)
-        if found.grace and lost:
-            own.facts_until_s = min(own.facts_until_s, offline_s(app, lost))
-        if before == found and before is not None:
-            found = before  # the same object, so that callers can compare by identity
-        own.facts, own.stamp = found, self._stamp(app, instance, memory, own, facts=found)
-        if before is not None and found is not before:
+        if facts.grace and lost:
+            instance_memory.facts_until_s = min(instance_memory.facts_until_s, offline_s(app, lost))
+        if before == facts and before is not None:
+            facts = before  # the same object, so that callers can compare by identity
+        instance_memory.facts, instance_memory.stamp = (
+            facts,
+            self._stamp(app, instance, memory, instance_memory, facts=facts),
+        )
+        if before is not None and facts is not before:
             self._on_change(app.uid, instance.robot)
-        return found
+        return facts
 
     def _stamp(
         self,

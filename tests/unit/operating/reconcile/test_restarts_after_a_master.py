@@ -15,7 +15,8 @@ from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.plan.status.conditions import conditions
 from robotapp_operator.plan.status.facts import AppFacts
-from robotapp_operator.watch.lister import instance_facts, wanted_instances
+from robotapp_operator.watch.facts.instance_facts import instance_facts
+from robotapp_operator.watch.lister import wanted_instances
 
 
 @pytest.fixture

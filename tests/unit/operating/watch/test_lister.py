@@ -30,7 +30,8 @@ from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, ReplicaSe
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.watch import lister
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import cached_domain, instance_facts, problems_now, wanted_instances
+from robotapp_operator.watch.facts.instance_facts import instance_facts
+from robotapp_operator.watch.lister import cached_domain, problems_now, wanted_instances
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 

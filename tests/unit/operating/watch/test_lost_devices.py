@@ -15,7 +15,7 @@ from robotapp_client.api.times import utc_now
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import instance_facts
+from robotapp_operator.watch.facts.instance_facts import instance_facts
 
 LABELS = {Label.APP_UID.value: UID, Label.INSTANCE.value: "", Label.COMPONENT.value: "driver"}
 HOLDER = holder_of_app(namespace="default", name="teleop", uid=UID, instance="", component="driver")

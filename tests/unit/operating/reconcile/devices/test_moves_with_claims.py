@@ -13,7 +13,7 @@ from robotapp_api.model.names import POD_CLAIM, Annotation, Label
 from robotapp_claims.rules.objects import ResourceClaim, ResourceClaimStatus, ResourceSlice, TelemetryDevice
 from robotapp_client.api.resources import DEPLOYMENTS, RESOURCECLAIMS
 from robotapp_operator.reconcile.mover import LOST_S
-from robotapp_operator.watch.lister import device_losses
+from robotapp_operator.watch.facts.device_facts import device_losses
 
 CLAIM = "planner"
 
