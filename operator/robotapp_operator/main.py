@@ -38,7 +38,7 @@ from robotapp_operator.reconcile.devices.resource_claims import give_back
 from robotapp_operator.reconcile.domain_pools import Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
-from robotapp_operator.reconcile.instance_reconciler import Children
+from robotapp_operator.reconcile.instances.instance_reconciler import InstanceReconciler
 from robotapp_operator.reconcile.metrics import Metrics
 from robotapp_operator.reconcile.mover import Mover
 from robotapp_operator.reconcile.observer import Observer
@@ -165,7 +165,7 @@ class Operator:
             self.queue,
             memory,
             self.metrics,
-            children=Children(
+            children=InstanceReconciler(
                 client,
                 cache,
                 memory,

@@ -13,7 +13,7 @@ from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.reconcile.domain_pools import Line, Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
-from robotapp_operator.reconcile.instance_reconciler import Children
+from robotapp_operator.reconcile.instances.instance_reconciler import InstanceReconciler
 from robotapp_operator.reconcile.metrics import Metrics
 from robotapp_operator.reconcile.mover import Mover, concerns
 from robotapp_operator.reconcile.probe_targets import Probes
@@ -66,7 +66,7 @@ class Controller:
         memory: ReconcileState,
         metrics: Metrics,
         *,
-        children: Children,
+        children: InstanceReconciler,
         objects: InstanceObjects,
         mover: Mover,
         reporter: Reporter,

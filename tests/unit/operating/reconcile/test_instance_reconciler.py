@@ -30,8 +30,8 @@ from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.queue.workqueue import Queue
-from robotapp_operator.reconcile import instance_reconciler
-from robotapp_operator.reconcile.instance_reconciler import Children
+from robotapp_operator.reconcile.instances import instance_reconciler
+from robotapp_operator.reconcile.instances.instance_reconciler import InstanceReconciler
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
@@ -56,7 +56,7 @@ class ReconciledServer:
         self.now_s: float | None = None
         self._ticks = itertools.count(step=60.0)
         self.events: list[PendingEvent] = []
-        self.children = Children(
+        self.children = InstanceReconciler(
             client,
             self.cache,
             self.memory,
@@ -533,7 +533,7 @@ async def test_a_race_that_never_ends_is_given_back_to_the_queue(
         turns += 1
         raise StartOver("somebody else was faster")
 
-    monkeypatch.setattr("robotapp_operator.reconcile.instance_reconciler.execute", never)
+    monkeypatch.setattr("robotapp_operator.reconcile.instances.instance_reconciler.execute", never)
     with pytest.raises(StartOver):
         await world.children.reconcile(uid, "")
     assert turns == 4

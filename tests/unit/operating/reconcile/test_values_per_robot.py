@@ -19,7 +19,7 @@ from robotapp_operator.plan.spec.objects import Deployment
 from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.reconcile.instance_reconciler import Children
+from robotapp_operator.reconcile.instances.instance_reconciler import InstanceReconciler
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch import lister
 from robotapp_operator.watch.cache import Cache
@@ -45,7 +45,7 @@ class Fleet:
         self.now = START
         self.events: list[PendingEvent] = []
         self.params = ParamsWatch(client, self.cache, Queue(clock=lambda: 0.0, jitter=lambda: 0.0), pause_s=0.0)
-        self.children = Children(
+        self.children = InstanceReconciler(
             client,
             self.cache,
             ReconcileState(),

@@ -1,0 +1,1 @@
+"""Reconciles one instance of an app: the plan by the caches, and the protocol that writes it."""
