@@ -17,7 +17,7 @@ _MINUTES_FROM_S: Final = 90.0
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How far a plan has come, in seconds."""
+    """Progress of a plan in seconds."""
 
     finished_expected_s: float
     finished_took_s: float

@@ -132,7 +132,7 @@ class DevicePlugin:
             return plan.text
         if reason := await self._find_robotclaim(plan):
             return reason
-        while (held := self._ledger.find_holder(plan)) and await self._forget_if_gone(held.holder):
+        while (hold := self._ledger.find_holder(plan)) and await self._forget_if_gone(hold.holder):
             pass
         return plan
 
@@ -157,16 +157,16 @@ class DevicePlugin:
 
     async def _wait_until_free(self, plan: PreparedClaim) -> bool:
         """Returns when the claim's devices are free or the patience ends: whether it had to wait."""
-        held = self._ledger.find_holder(plan)
-        if held is None:
+        hold = self._ledger.find_holder(plan)
+        if hold is None:
             return False
-        patience_s = await self._choose_patience_s(plan, held)
+        patience_s = await self._choose_patience_s(plan, hold)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
-                while held := self._ledger.find_holder(plan):
-                    if held.holder.is_prepared(self._boot_id):
-                        await self._wait_for_release(held.holder)
-                    elif not await self._forget_if_gone(held.holder):
+                while hold := self._ledger.find_holder(plan):
+                    if hold.holder.is_prepared(self._boot_id):
+                        await self._wait_for_release(hold.holder)
+                    elif not await self._forget_if_gone(hold.holder):
                         await asyncio.sleep(self._patience.look_again_s)
         return True
 
@@ -174,8 +174,8 @@ class DevicePlugin:
         """Returns how long the claim waits for its holder: longer for one whose claim is gone, because its pod is about to end."""
         if plan.uid in self._refused:
             return self._patience.later_s
-        allocated = await self._read_allocated(held.holder)
-        is_given_up = allocated is not None and held.device not in allocated
+        device_ids = await self._read_allocated(held.holder)
+        is_given_up = device_ids is not None and held.device not in device_ids
         return self._patience.later_s if is_given_up else self._patience.first_s
 
     async def _wait_for_release(self, holder: PreparedClaim) -> None:
@@ -248,13 +248,13 @@ class DevicePlugin:
         """Forgets devices of an entry of the ledger that its claim has no more, if no container has them; returns whether it did."""
         if claim.is_prepared(self._boot_id):
             return False
-        allocated = await self._read_allocated(claim)
-        if allocated is None:
+        device_ids = await self._read_allocated(claim)
+        if device_ids is None:
             return False
         # An equal entry is not enough: the claim may have been allocated, prepared and given back since it was read.
         if self._ledger.claims.get(claim.uid) is not claim:
             return False
-        ledger = self._ledger.forget_unallocated(claim.uid, allocated=allocated, boot_id=self._boot_id)
+        ledger = self._ledger.forget_unallocated(claim.uid, allocated=device_ids, boot_id=self._boot_id)
         if ledger is self._ledger:
             return False
         try:

@@ -174,9 +174,14 @@ def _with_holders(node: str, devices: Iterable[NodeDevice], claims: Iterable[Cla
 
 
 def _find_alias(device: Device, claims: Iterable[Claim], labels: set[str]) -> Claim | None:
-    things = ((claim, claim.spec.device) for claim in claims)
+    claimed_devices = ((claim, claim.spec.device) for claim in claims)
     return next(
-        (claim for claim, thing in things if thing is not None and is_device(thing, device, known=labels)), None
+        (
+            claim
+            for claim, claimed_device in claimed_devices
+            if claimed_device is not None and is_device(claimed_device, device, known=labels)
+        ),
+        None,
     )
 
 

@@ -15,7 +15,7 @@ _CLEAR: Final = "\x1b[H\x1b[2J"
 
 
 class Page(io.StringIO):
-    """What a command prints, with the terminal's own properties, so that colours and arrows stay."""
+    """Text that a command prints, with the terminal's own properties, so that colours and arrows stay."""
 
     encoding = sys.__stdout__.encoding if sys.__stdout__ else "utf-8"
 

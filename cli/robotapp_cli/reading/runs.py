@@ -85,12 +85,12 @@ class Run:
 
     @property
     def ended(self) -> str:
-        """When its last Job ended, "" while it has not ended as a whole."""
+        """Returns when its last Job ended, "" while it has not ended as a whole."""
         return max((job.ended for job in self.jobs), default="") if self.phase in ENDED else ""
 
     @property
     def exit_codes(self) -> dict[str, int]:
-        """By component, without those that have none yet."""
+        """Exit codes by component, without those that have none yet."""
         return {job.component: code for job in self.jobs if (code := job.exit_code) is not None}
 
     @property
@@ -98,7 +98,7 @@ class Run:
         return [job for job in self.jobs if job.result == "Failed"]
 
     def seconds(self, now: datetime | None = None) -> float | None:
-        """How long it took, or has taken so far; None before its start."""
+        """Returns how long it took, or has taken so far; None before its start."""
         if not self.started:
             return None
         end = datetime.fromisoformat(self.ended) if self.ended else now or datetime.now(UTC)
@@ -190,15 +190,19 @@ def _describe_pod(pod: Json, component: str, kubelets: dict[str, str]) -> Json:
         "phase": status(pod).get("phase"),
         "exitCode": _exit_code(pod, component),
         "images": [
-            {"container": each.get("name"), "image": each.get("image"), "digest": each.get("imageID") or None}
-            for each in statuses
+            {
+                "container": container.get("name"),
+                "image": container.get("image"),
+                "digest": container.get("imageID") or None,
+            }
+            for container in statuses
         ],
     }
 
 
 def _exit_code(pod: Json, container: str) -> int | None:
-    for each in status(pod).get("containerStatuses") or []:
-        terminated = (each.get("state") or {}).get("terminated")
-        if each.get("name") == container and terminated:
-            return int(terminated.get("exitCode", 0))
+    for container_status in status(pod).get("containerStatuses") or []:
+        final_state = (container_status.get("state") or {}).get("terminated")
+        if container_status.get("name") == container and final_state:
+            return int(final_state.get("exitCode", 0))
     return None

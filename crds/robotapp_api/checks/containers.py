@@ -57,11 +57,11 @@ _TRANSPORTS: Final = "FASTDDS_BUILTIN_TRANSPORTS"
 
 def gated_field_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
-    for container, where in list_containers(component, at):
+    for container, path in list_containers(component, at):
         if "stopSignal" in (container.get("lifecycle") or {}):
-            yield invalid(f"{where}{STOP_SIGNAL}", _NO_STOP_SIGNAL.format(interrupt=_interruption(component)))
+            yield invalid(f"{path}{STOP_SIGNAL}", _NO_STOP_SIGNAL.format(interrupt=_interruption(component)))
         if (container.get("securityContext") or {}).get("procMount") == "Unmasked":
-            yield invalid(f"{where}.securityContext.procMount", _UNMASKED)
+            yield invalid(f"{path}.securityContext.procMount", _UNMASKED)
 
 
 def _interruption(component: Component) -> str:
@@ -72,9 +72,9 @@ def _interruption(component: Component) -> str:
 
 def gated_field_notes(component: Component, at: str) -> Iterator[Note]:
     """Says which fields some clusters drop without acting on them."""
-    for container, where in list_containers(component, at):
+    for container, container_path in list_containers(component, at):
         for path, since in _SINCE.items():
-            for place, value in walk_path(container, path.split("."), where):
+            for place, value in walk_path(container, path.split("."), container_path):
                 if value:
                     yield _note_age(place, since)
     for index, container in enumerate(component.template.spec.containers):
@@ -105,26 +105,30 @@ def different_user_notes(spec: RobotAppSpec) -> Iterator[Note]:
         return
     for index, component in enumerate(spec.components):
         pod_context: Mapping[str, Any] = component.template.spec.security_context or {}
-        (own, _), *steps = list_containers(component, f"spec.components[{index}]")
-        for container, where in steps:
+        (own_container, _), *steps = list_containers(component, f"spec.components[{index}]")
+        for container, path in steps:
             users = [
-                (each.get("securityContext") or {}).get("runAsUser", pod_context.get("runAsUser"))
-                for each in (own, container)
+                (either.get("securityContext") or {}).get("runAsUser", pod_context.get("runAsUser"))
+                for either in (own_container, container)
             ]
-            chosen = {str(variable.get("name")) for each in (own, container) for variable in each.get("env") or ()}
-            is_beside = container.get("restartPolicy") == "Always" or ".template.spec.containers[" in where
+            chosen = {
+                str(variable.get("name"))
+                for either in (own_container, container)
+                for variable in either.get("env") or ()
+            }
+            is_beside = container.get("restartPolicy") == "Always" or ".template.spec.containers[" in path
             if is_beside and len(set(users)) == 2 and _TRANSPORTS not in chosen:
-                mine, other = ("the user of its image" if user is None else f"user {user}" for user in users)
+                own_user, other_user = ("the user of its image" if user is None else f"user {user}" for user in users)
                 yield Note(
-                    f"{where}.securityContext.runAsUser",
-                    f"{component.name} runs as {mine} and {container.get('name')} as {other}: Fast DDS uses shared memory within "
+                    f"{path}.securityContext.runAsUser",
+                    f"{component.name} runs as {own_user} and {container.get('name')} as {other_user}: Fast DDS uses shared memory within "
                     "a pod, so they see each other's topics and get no messages; write the same user, or ros2.transport: UDP",
                 )
 
 
 def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
     """Yields the component's own container and all others of its pod, with core's names, and where each stands."""
-    own = {
+    own_container = {
         "name": component.name,
         "command": component.command,
         "args": component.args,
@@ -138,7 +142,7 @@ def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str
         "volumeMounts": component.volume_mounts,
         "env": component.env,
     }
-    yield own, at
+    yield own_container, at
     yield from list_further_containers(component, at)
 
 
@@ -167,10 +171,10 @@ def shared_memory_notes(component: Component, at: str) -> Iterator[Note]:
 def _name_problems(component: Component, at: str) -> Iterator[Problem]:
     """Names are unique within a pod, and the component's own container and the operator's waiting step have theirs."""
     owners = {component.name: "the component itself", WAITING_STEP: "the operator's own step"}
-    for container, where in list_further_containers(component, at):
+    for container, path in list_further_containers(component, at):
         name = str(container.get("name", ""))
         if name in owners:
-            yield invalid(f"{where}.name", f"{name} is the name of {owners[name]}; write another name")
+            yield invalid(f"{path}.name", f"{name} is the name of {owners[name]}; write another name")
         owners.setdefault(name, "another container of the pod")
 
 
@@ -183,9 +187,9 @@ def _volume_problems(component: Component, at: str) -> Iterator[Problem]:
                 f"{name} is the volume of {_OUR_VOLUMES[name]}; write another name",
             )
     mountable = {*volumes, PARAMETERS_VOLUME}
-    for container, where in list_containers(component, at):
+    for container, path in list_containers(component, at):
         for index, mount in enumerate(container.get("volumeMounts") or ()):
-            mount_at = f"{where}.volumeMounts[{index}]"
+            mount_at = f"{path}.volumeMounts[{index}]"
             if (name := str(mount.get("name", ""))) not in mountable:
                 yield invalid(f"{mount_at}.name", f'there is no volume "{name}"; write it under template.spec.volumes')
             if component.shared_memory and str(mount.get("mountPath", "")).rstrip("/") == SHARED_MEMORY_PATH:

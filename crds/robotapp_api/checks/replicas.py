@@ -29,7 +29,7 @@ _REFERENCE: Final = re.compile(rf"(?<!\$)(?:\$\$)*\$\({ORDINAL_VARIABLE}\)")
 
 
 def has_ordinals(component: Component) -> bool:
-    """Whether the component's replicas have names of their own."""
+    """Returns whether the component's replicas have names of their own."""
     return component.replica_identity == ORDINAL
 
 

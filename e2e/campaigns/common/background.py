@@ -6,7 +6,7 @@ from typing import Self
 
 
 class Background:
-    """While it is entered, `_run` works in a thread; it returns soon after `_stop` is set.
+    """Runs `_run` in a thread while it is entered; `_run` returns soon after `_stop` is set.
 
     An error that ends `_run` is raised by `check`, and at the end of a block that ended well.
     """

@@ -14,7 +14,7 @@ WARM_UP_APPS = 2
 
 
 class Bystanders(Background):
-    """While it is entered, one app after the other is created and waited for; `ready_s` has the seconds of each."""
+    """Creates one app after the other while it is entered and waits for each; `ready_s` has the seconds of each."""
 
     def __init__(self, site: SimulatedSite, name: str) -> None:
         super().__init__(f"bystanders of {name}")

@@ -76,7 +76,7 @@ def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
 
 @contextmanager
 def freeing_ids(site: SimulatedSite) -> Iterator[None]:
-    """At its end the site's apps are deleted and waited for until hardly any id is held. The nodes are still there then: pods on nodes
+    """Deletes the site's apps at the end of the block, and waits until hardly any id is held. The nodes are still there then: pods on nodes
     that are gone would hold their ids for minutes, and the next attack would lack them.
     """
     try:

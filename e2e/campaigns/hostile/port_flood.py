@@ -72,7 +72,7 @@ _TLS: Final[ssl.SSLContext] = unverified()
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where connections go, and from which addresses of this machine they come in turn."""
+    """Destination of connections, and the addresses of this machine from which they come in turn."""
 
     host: str
     port: int

@@ -89,12 +89,16 @@ def driver_on(cp: RealNodes, node: str) -> Process:
 
 def published(cp: ControlPlane, node: str) -> dict[str, Json]:
     """Devices in the node's ResourceSlices, by name."""
-    slices = [one["spec"] for one in cp.api.get(SLICES)["items"] if one["spec"].get("nodeName") == node]
+    slices = [
+        resource_slice["spec"]
+        for resource_slice in cp.api.get(SLICES)["items"]
+        if resource_slice["spec"].get("nodeName") == node
+    ]
     return {device["name"]: device for spec in slices for device in spec.get("devices") or ()}
 
 
 def wait_published(cp: ControlPlane, node: str, *ids: str) -> bool:
-    """Whether the node publishes these devices, and no other, within a minute."""
+    """Returns whether the node publishes these devices, and no other, within a minute."""
     return wait_until(lambda: set(published(cp, node)) == set(ids), timeout_s=_PUBLISHED_S, poll_s=0.2)
 
 

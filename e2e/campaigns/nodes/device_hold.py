@@ -40,7 +40,7 @@ KILL_S: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What `--json` has. Seconds are from the deletion of a pod until its successor had opened the device."""
+    """Figures that `--json` writes. Seconds are from the deletion of a pod until its successor had opened the device."""
 
     replacements: int
     kills: int
@@ -103,7 +103,7 @@ def await_running(cp: RealNodes, app: str, *, but: str = "") -> str:
 
 
 def started(pod: Json) -> bool:
-    """Whether a container of the pod was ever started."""
+    """Returns whether a container of the pod was ever started."""
     return any("containerID" in status for status in pod["status"].get("containerStatuses") or ())
 
 
@@ -140,7 +140,7 @@ def hold(cp: RealNodes, driver: Process, *, replacements: int, kills: int) -> Re
     finally:
         killer.end()
     cp.kubectl("delete", "robotapp", HOLDER, "-n", NAMESPACE, "--cascade=foreground")
-    begun_s, begun = time.monotonic(), time.strftime("%H:%M:%SZ", time.gmtime())
+    begun_s, begin = time.monotonic(), time.strftime("%H:%M:%SZ", time.gmtime())
     rival = await_running(cp, RIVAL)
     rival_ran_s = round(time.monotonic() - begun_s, 2) if rival else None
     if not rival or shell(cp, NAMESPACE, rival, TALK, check=False) != "heard\n":
@@ -151,7 +151,7 @@ def hold(cp: RealNodes, driver: Process, *, replacements: int, kills: int) -> Re
         median_s=round(statistics.median(times), 2),
         longest_s=round(max(times), 2),
         rival_ran_s=rival_ran_s,
-        rival_story=[f"{begun} the holder's app is gone", *(tell_of(cp, rival) if rival else ())],
+        rival_story=[f"{begin} the holder's app is gone", *(tell_of(cp, rival) if rival else ())],
         problems=problems,
     )
 
@@ -165,8 +165,8 @@ def tell_of(cp: RealNodes, name: str) -> list[str]:
     ]
     path = f"/apis/events.k8s.io/v1/namespaces/{NAMESPACE}/events?fieldSelector=regarding.name={name}"
     for event in cp.api.get(path)["items"]:
-        seen = event.get("deprecatedLastTimestamp") or event.get("eventTime") or ""
-        moments.append((seen, f"{event.get('reason')}: {event.get('note', '')[:200]}"))
+        moment_text = event.get("deprecatedLastTimestamp") or event.get("eventTime") or ""
+        moments.append((moment_text, f"{event.get('reason')}: {event.get('note', '')[:200]}"))
     return [f"{moment.partition('T')[2]} {text}" for moment, text in sorted(moments)]
 
 

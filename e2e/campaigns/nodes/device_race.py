@@ -71,11 +71,13 @@ def devices_of(node: str, count: int) -> list[Device]:
     """Serial ports that differ in their serial numbers."""
     offset = NODES.index(node) * count
     serials = [f"A50285{offset + number:02d}" for number in range(count)]
-    return [Device(f"serial-0403-6001-{one.lower()}", "serial", identity=f"0403:6001:{one}") for one in serials]
+    return [
+        Device(f"serial-0403-6001-{serial.lower()}", "serial", identity=f"0403:6001:{serial}") for serial in serials
+    ]
 
 
 def read_use(pod: Mapping[str, Any]) -> Use | None:
-    """What the pod's program left when it ended; None for one that has not ended, or not well."""
+    """Reads what the pod's program wrote when it ended; None for one that has not ended, or not well."""
     statuses = pod["status"].get("containerStatuses") or [{}]
     words = statuses[0].get("state", {}).get("terminated", {}).get("message", "").split()
     if pod["status"].get("phase") != "Succeeded" or len(words) != 3:
@@ -121,7 +123,11 @@ def judge(pods: Sequence[Json], events: Sequence[Json], *, devices: int, kills: 
 
 def _describe_failure(pod: Json) -> str:
     statuses = pod["status"].get("containerStatuses") or [{}]
-    conditions = [one.get("message", "") for one in pod["status"].get("conditions") or () if one["status"] == "False"]
+    conditions = [
+        condition.get("message", "")
+        for condition in pod["status"].get("conditions") or ()
+        if condition["status"] == "False"
+    ]
     return (
         f"{pod['metadata']['name']} of {pod['spec']['schedulerName']} on {pod['spec'].get('nodeName', 'no node')}: "
         f"{pod['status'].get('phase')} {statuses[0].get('state', '')} {' '.join(conditions)}"
@@ -144,21 +150,21 @@ def race(cp: RealNodes, drivers: Sequence[Process], *, pods: int, kills: int, wi
     cp.kubectl("apply", "-n", NAMESPACE, "-f", "-", stdin=[claim(f"user-{n}", {"arm": SERIAL}) for n in range(pods)])
     begun_s = time.monotonic()
     cp.kubectl("apply", "-n", NAMESPACE, "-f", "-", stdin=[user(number) for number in range(pods)])
-    killed = polls = 0
+    kill_count = polls = 0
     while time.monotonic() < begun_s + within_s:
         phases = Counter(pod["status"].get("phase") for pod in _items(cp, "pods"))
         if phases["Succeeded"] + phases["Failed"] == pods:
             break
         if polls % 10 == 0:
-            say(", ".join(f"{count} {phase}" for phase, count in sorted(phases.items())) + f", {killed} kills")
+            say(", ".join(f"{count} {phase}" for phase, count in sorted(phases.items())) + f", {kill_count} kills")
         polls += 1
-        time.sleep(random.uniform(0.1, KILL_S) if killed < kills else POLL_S)
-        if killed < kills:
+        time.sleep(random.uniform(0.1, KILL_S) if kill_count < kills else POLL_S)
+        if kill_count < kills:
             driver = random.choice(drivers)
             driver.kill()
             driver.start()
-            killed += 1
-    return killed, time.monotonic() - begun_s
+            kill_count += 1
+    return kill_count, time.monotonic() - begun_s
 
 
 def _items(cp: RealNodes, plural: str) -> list[Json]:

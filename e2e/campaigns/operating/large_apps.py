@@ -1,4 +1,4 @@
-"""What suspended apps of the largest accepted size cost the operator, also one that starts when they are there.
+"""Measures what suspended apps of the largest accepted size cost the operator, also one that starts when they are there.
 
 Three shapes: long text, many small parts, and long environments (few, since the API server takes seconds for each).
 """

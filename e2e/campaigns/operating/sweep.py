@@ -1,4 +1,4 @@
-"""Does a sweep end whole? Instances of a matrix run a few at a time while operator and scheduler are killed and a node is lost.
+"""Runs a sweep to its end: instances of a matrix, a few at a time, while operator and scheduler are killed and a node is lost.
 
 At the end every instance is Completed and no domain is held; at every revision no instance had two live pods, no domain two users. Nodes and
 kubelets are simulated, and a pod of theirs ends as soon as it runs; control plane, Job controller, operator and scheduler are real.
@@ -32,7 +32,7 @@ APP: Final = "sweep"
 NODES: Final = 6
 ENDED: Final = frozenset({"Succeeded", "Failed"})
 KILL_S: Final = 6.0
-"""At most so long between two kills."""
+"""Longest time between two kills."""
 AWAY_S: Final = 3.0
 PER_INSTANCE_S: Final = 6.0
 """Patience for each instance, on a machine that has other things to do."""
@@ -40,7 +40,7 @@ PER_INSTANCE_S: Final = 6.0
 
 @dataclass(slots=True)
 class Report:
-    """What `--json` has."""
+    """Figures that `--json` writes."""
 
     instances: int
     parallelism: int
@@ -81,8 +81,8 @@ class Killer(threading.Thread):
 
     def _lose_node(self) -> None:
         """Deletes the node that has most pods, so that these are lost, and brings it back."""
-        used = Counter(pod["spec"].get("nodeName", "") for pod in self._fleet.tenant.listed("pods"))
-        name = max(self._fleet.nodes, key=lambda node: used[node])
+        pod_counts = Counter(pod["spec"].get("nodeName", "") for pod in self._fleet.tenant.listed("pods"))
+        name = max(self._fleet.nodes, key=lambda node: pod_counts[node])
         self._fleet.rejoin([name], after_s=AWAY_S)
         self.lost_nodes += 1
 
@@ -91,8 +91,8 @@ class Killer(threading.Thread):
         self.join()
 
 
-def matrix(instances: int, parallelism: int) -> Json:
-    """A matrix of two parameters with so many combinations."""
+def make_matrix(instances: int, parallelism: int) -> Json:
+    """Returns a matrix of two parameters with so many combinations."""
     seeds = max(count for count in range(1, isqrt(instances) + 1) if instances % count == 0)
     counts = {"speed": instances // seeds, "seed": seeds}
     parameters = [{"name": name, "values": [f"{value}" for value in range(count)]} for name, count in counts.items()]
@@ -102,7 +102,7 @@ def matrix(instances: int, parallelism: int) -> Json:
 def count_live_pods(events: Iterable[Event], report: Report, *, app: str = APP) -> None:
     """Counts pods, instances at once, and revisions at which an instance had two pods that were bound and had not ended."""
     live: dict[str, dict[str, str]] = {}
-    seen: set[str] = set()
+    pod_uids: set[str] = set()
     for event in sorted(event for event in events if event.kind == "Pod"):
         labels = event.obj["metadata"].get("labels", {})
         if labels.get(Label.APP.value) != app:
@@ -112,14 +112,14 @@ def count_live_pods(events: Iterable[Event], report: Report, *, app: str = APP) 
         if event.gone or not event.obj["spec"].get("nodeName") or event.obj["status"].get("phase") in ENDED:
             pods.pop(event.uid, None)
             continue
-        seen.add(event.uid)
+        pod_uids.add(event.uid)
         pods[event.uid] = event.obj["metadata"]["name"]
         if len(pods) > 1:
             report.problems.append(
                 f"revision {event.revision}: {instance} has {len(pods)} live pods: {sorted(pods.values())}"
             )
         report.most_at_once = max(report.most_at_once, sum(map(bool, live.values())))
-    report.pods = len(seen)
+    report.pods = len(pod_uids)
 
 
 def count_phases(tenant: Tenant) -> dict[str, int]:
@@ -140,22 +140,20 @@ def run(
 ) -> Report:
     """Runs the sweep. Operator and scheduler run already; the nodes are made here."""
     tenant, began_s = Tenant(cp, namespace), time.monotonic()
-    written = matrix(instances, parallelism)
-    total = len(written["parameters"][0]["values"]) * len(written["parameters"][1]["values"])
-    report = Report(total, parallelism)
+    report = Report(instances, parallelism)
     nodes = topology.Topology([topology.edge(f"sweep-{number}") for number in range(NODES)])
     fleet = Fleet(cp, nodes, tenant, seed=seed)
     topology.apply(cp, nodes)
     try:
         with pool(cp, APP) as pool_name, Recorder(cp) as recorder:
             eventually(lambda: recorder.passed.get("Pod", 0))
-            tenant.apply(APP, part("sim", job={}), matrix=written, ros2={"pool": pool_name})
+            tenant.apply(APP, part("sim", job={}), matrix=make_matrix(instances, parallelism), ros2={"pool": pool_name})
             killer = Killer(processes, fleet, kills=kills, chance=random.Random(seed))
             killer.start()
             try:
                 eventually(
-                    lambda: count_phases(tenant).get(Phase.COMPLETED, 0) == total,
-                    timeout_s=60 + PER_INSTANCE_S * total,
+                    lambda: count_phases(tenant).get(Phase.COMPLETED, 0) == instances,
+                    timeout_s=60 + PER_INSTANCE_S * instances,
                     poll_s=2.0,
                     what=lambda: count_phases(tenant),
                 )
@@ -190,7 +188,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--kills", type=options.count(0, 100), default=3, help="kills each of operator and scheduler")
     parser.add_argument("--seed", type=options.count(0), default=1)
     parser.add_argument("--json", type=options.report, help="file for the figures")
-    read = parser.parse_args(argv)
+    arguments = parser.parse_args(argv)
     with ControlPlane() as cp:
         product.install(cp)
         processes = {
@@ -198,17 +196,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             "scheduler": product.start_scheduler(cp, sweep_seconds=1),
         }
         with created(cp, "sweep") as namespace:
-            say(f"a sweep of {read.instances} instances, {read.parallelism} at once")
+            say(f"a sweep of {arguments.instances} instances, {arguments.parallelism} at once")
             report = run(
                 cp,
                 namespace,
                 processes,
-                instances=read.instances,
-                parallelism=read.parallelism,
-                kills=read.kills,
-                seed=read.seed,
+                instances=arguments.instances,
+                parallelism=arguments.parallelism,
+                kills=arguments.kills,
+                seed=arguments.seed,
             )
-    save(read.json, asdict(report))
+    save(arguments.json, asdict(report))
     print(
         f"{report.instances} instances in {report.seconds:.0f} s: {report.phases}, {report.pods} pods, at most {report.most_at_once} instances at once "
         f"(parallelism {report.parallelism}); kills {report.kills}, {report.lost_nodes} node lost; {report.grants} domains granted, "

@@ -1,4 +1,4 @@
-"""Is a killed recorder's loss bounded, and its disk? Real rclpy: a talker, and the recorder killed at random moments, again and again.
+"""Measures the loss of a killed recorder, and its disk. Real rclpy: a talker, and the recorder killed at random moments, again and again.
 
 After each kill every closed bag must open, the one that was open is completed by the next start, no more than the open chunk is lost, and
 all files together never exceed the bound by more than a split. No cluster and no containers: both are processes of this machine.
@@ -51,7 +51,7 @@ class Life:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What `--json` has. excess_bytes: by how much all files together exceeded the bound at worst, sampled; 0 if never."""
+    """Figures that `--json` writes. excess_bytes: by how much all files together exceeded the bound at worst, sampled; 0 if never."""
 
     kills: int
     kept: int

@@ -20,7 +20,7 @@ ROBOT_TO_EDGE_MS, ROBOT_TO_CLOUD_MS, EDGE_TO_CLOUD_MS = 2.0, 30.0, 28.0
 
 @dataclass(frozen=True, slots=True)
 class Inferred:
-    """What a profile generator infers of a package, and what its Rigelfile expects (thesis, table 4.3)."""
+    """Class and hardware that a profile generator infers of a package, and those that its Rigelfile expects (thesis, table 4.3)."""
 
     qos_class: str
     expected_class: str

@@ -1,13 +1,15 @@
-"""Where a reference application goes on simulated nodes, what of its RobotApp holds there, and which plugins decided. Pure."""
+"""Judges where a reference application is placed on simulated nodes: which promises of its RobotApp hold, which plugins decided. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from campaigns.reference.catalogue import (
+    CLOUD,
     CLOUD_ZONE,
     EDGE,
     EDGE_TO_CLOUD_MS,
+    EDGE_ZONE,
     FLEET,
     ROBOT,
     ROBOT_TO_CLOUD_MS,
@@ -54,16 +56,16 @@ def make_topology() -> Topology:
     nodes = [
         robot(ROBOT, devices=[SENSOR]),
         *(robot(name) for name in FLEET),
-        edge(EDGE, zone="edge-zone-1"),
+        edge(EDGE, zone=EDGE_ZONE),
         edge(EDGE_2, zone="edge-zone-2"),
-        cloud("cloud-1", zone=CLOUD_ZONE),
+        cloud(CLOUD, zone=CLOUD_ZONE),
         cloud(CLOUD_2, zone="cloud-zone-2"),
     ]
     return Topology(nodes, rtt_ms={(a.name, b.name): _rtt_ms(a, b) for a in nodes for b in nodes if a.name < b.name})
 
 
 def _rtt_ms(node: SimulatedNode, other_node: SimulatedNode) -> float:
-    """The far edge is as near to the cloud as the near one, and further from the robots."""
+    """Returns the round trip of two nodes. The far edge is as near to the cloud as the near one, and further from the robots."""
     tiers = {node.tier, other_node.tier}
     if Tier.CLOUD in tiers:
         return 2 * (ROBOT_TO_CLOUD_MS if Tier.ROBOT in tiers else EDGE_TO_CLOUD_MS if Tier.EDGE in tiers else 1.0)
@@ -107,7 +109,7 @@ def _list_budgets(app: Json, nodes: Mapping[str, str], topology: Topology) -> di
 
 
 def _list_zones(app: Json, nodes: Mapping[str, str], topology: Topology) -> dict[str, bool]:
-    """A preferred zone is for components that may be in it: those of robots may not."""
+    """Returns whether components are in the preferred zone. Those of robots may not be in it, so they are left out."""
     zones = app["spec"].get("placement", {}).get("zones", [])
     promises = {}
     for component in app["spec"]["components"] if zones else []:
@@ -126,7 +128,9 @@ def describe_decision(record: Json) -> list[str]:
         lines.append(f"{refusal['plugin']} refuses {'; '.join(reasons)}")
     top = record.get("top") or {}
     if len(top.get("nodes") or ()) > 1:
-        better = [f"{name} {ours}:{next_}" for name, (ours, next_) in _list_differences(top).items()]
+        better = [
+            f"{name} {chosen_score}:{next_score}" for name, (chosen_score, next_score) in _list_differences(top).items()
+        ]
         lines.append(f"{top['nodes'][0]} before {top['nodes'][1]} by {', '.join(better) or 'the tie-break'}")
     return lines
 
@@ -140,8 +144,8 @@ def list_plugins(record: Json) -> set[str]:
 
 def _list_differences(top: Json) -> dict[str, tuple[int, int]]:
     scores = {name: values for name, values in (top.get("scores") or {}).items() if len(values) > 1}
-    counted = {name: values for name, values in scores.items() if (top.get("weights") or {}).get(name)}
-    return {name: (values[0], values[1]) for name, values in counted.items() if values[0] != values[1]}
+    weighted_scores = {name: values for name, values in scores.items() if (top.get("weights") or {}).get(name)}
+    return {name: (values[0], values[1]) for name, values in weighted_scores.items() if values[0] != values[1]}
 
 
 def find_scenario(app: str) -> Scenario:

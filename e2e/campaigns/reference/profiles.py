@@ -1,4 +1,4 @@
-"""What our profile generator infers of the reference applications, for the thesis' table 4.3."""
+"""Runs our profile generator on the reference applications, for the thesis' table 4.3."""
 
 from campaigns.reference.catalogue import Inferred
 from campaigns.reference.robotapps import read_app

@@ -38,7 +38,7 @@ PROFILE_HEADS: Final = ["application", "thesis: inferred", "thesis: expected", "
 
 @dataclass(slots=True)
 class Report:
-    """What runs have found. A later run replaces what an earlier one found of the same application and scheduler."""
+    """Outcomes of runs. A later run replaces those of an earlier one with the same application and scheduler."""
 
     commands: list[str] = field(default_factory=list)
     machine: dict[str, str] = field(default_factory=dict)
@@ -76,13 +76,13 @@ def read_report(path: Path | None) -> Report:
     """Reads what earlier runs have written; an empty report without a file."""
     if path is None or not path.exists():
         return Report()
-    stored: Json = json.loads(path.read_text())
+    content: Json = json.loads(path.read_text())
     return Report(
-        stored["commands"],
-        stored["machine"],
-        [Placement(**row) for row in stored["placements"]],
-        [Trial(**row) for row in stored["trials"]],
-        {app: Inferred(**row) for app, row in stored["profiles"].items()},
+        content["commands"],
+        content["machine"],
+        [Placement(**row) for row in content["placements"]],
+        [Trial(**row) for row in content["trials"]],
+        {app: Inferred(**row) for app, row in content["profiles"].items()},
     )
 
 
@@ -90,18 +90,18 @@ def tabulate_placements(placements: Sequence[Placement]) -> Rows:
     """Returns a row per application and scheduler over its repetitions."""
     rows = []
     for app in APPS:
-        wanted = find_scenario(app).plugins[int(app[-1])]
+        thesis_plugins = find_scenario(app).plugins[int(app[-1])]
         for contender in SCHEDULERS:
             runs = [p for p in placements if (p.app, p.scheduler) == (app, contender.name)]
             if not runs:
                 continue
-            seen = {plugin for run in runs for plugin in run.plugins}
+            deciding_plugins = {plugin for run in runs for plugin in run.plugins}
             broken = dict.fromkeys(promise for run in runs for promise in run.broken)
             rows.append(
                 [
                     app,
-                    ", ".join(wanted),
-                    ", ".join(plugin for plugin in wanted if plugin in seen) or NOTHING,
+                    ", ".join(thesis_plugins),
+                    ", ".join(plugin for plugin in thesis_plugins if plugin in deciding_plugins) or NOTHING,
                     contender.name,
                     f"{sum(not run.broken for run in runs)}/{len(runs)}",
                     " or ".join(dict.fromkeys(describe_nodes(run.nodes) for run in runs)),
@@ -113,7 +113,7 @@ def tabulate_placements(placements: Sequence[Placement]) -> Rows:
 
 def tabulate_trials(trials: Sequence[Trial]) -> Rows:
     """Returns a row per application and scheduler."""
-    ordered = [t for app in APPS for c in SCHEDULERS for t in trials if (t.app, t.scheduler) == (app, c.name)]
+    trials_in_order = [t for app in APPS for c in SCHEDULERS for t in trials if (t.app, t.scheduler) == (app, c.name)]
     return [
         [
             trial.app,
@@ -123,7 +123,7 @@ def tabulate_trials(trials: Sequence[Trial]) -> Rows:
             ", ".join(describe_figure(name, value) for name, value in trial.figures.items()) or NOTHING,
             f"not kept: {trial.broken.splitlines()[0].partition(';')[0]}" if trial.broken else "kept",
         ]
-        for trial in ordered
+        for trial in trials_in_order
     ]
 
 
@@ -133,14 +133,22 @@ def tabulate_profiles(profiles: Mapping[str, Inferred]) -> Rows:
     for app in APPS:
         if app not in profiles:
             continue
-        theirs, ours = find_scenario(app).thesis_profile, profiles[app]
+        thesis_profile, our_profile = find_scenario(app).thesis_profile, profiles[app]
         thesis = (
-            [f"{theirs.qos_class}, {theirs.hardware}", f"{theirs.expected_class}, {theirs.expected_hardware}"]
+            [
+                f"{thesis_profile.qos_class}, {thesis_profile.hardware}",
+                f"{thesis_profile.expected_class}, {thesis_profile.expected_hardware}",
+            ]
             if app.endswith("ros2")
             else [NOTHING, NOTHING]
         )
         rows.append(
-            [app, *thesis, f"{ours.qos_class}, {ours.hardware}", f"{ours.expected_class}, {ours.expected_hardware}"]
+            [
+                app,
+                *thesis,
+                f"{our_profile.qos_class}, {our_profile.hardware}",
+                f"{our_profile.expected_class}, {our_profile.expected_hardware}",
+            ]
         )
     return rows
 
@@ -160,13 +168,15 @@ def describe_figure(name: str, value: float) -> str:
 
 def list_broken(report: Report) -> list[str]:
     """Returns what was not kept under our scheduler, in sentences."""
-    ours = SCHEDULERS[0].name
+    our_scheduler = SCHEDULERS[0].name
     sentences = [
         f"{p.app}, placement {p.repetition}: {'; '.join(p.broken)}"
         for p in report.placements
-        if p.scheduler == ours and p.broken
+        if p.scheduler == our_scheduler and p.broken
     ]
-    return sentences + [f"{t.app}, {t.fault}: {t.broken}" for t in report.trials if t.scheduler == ours and t.broken]
+    return sentences + [
+        f"{t.app}, {t.fault}: {t.broken}" for t in report.trials if t.scheduler == our_scheduler and t.broken
+    ]
 
 
 PLACEMENT_MARKS: Final = "<!-- placement: made by scripts/bench reference --page -->", "<!-- placement: end -->"
@@ -199,8 +209,10 @@ def _list_decisions(report: Report) -> list[str]:
     """Returns our scheduler's records of the components that had a choice, of each application's first repetition."""
     rows: Rows = []
     for app in APPS:
-        ours = [p for p in report.placements if (p.app, p.scheduler, p.repetition) == (app, SCHEDULERS[0].name, 0)]
-        for component, decisions in ours[0].decisions.items() if ours else ():
+        our_placements = [
+            p for p in report.placements if (p.app, p.scheduler, p.repetition) == (app, SCHEDULERS[0].name, 0)
+        ]
+        for component, decisions in our_placements[0].decisions.items() if our_placements else ():
             if any(" before " in decision for decision in decisions):
                 rows.append([app, component, ". ".join(decisions)])
     return [

@@ -25,11 +25,11 @@ _LINE: Final = re.compile(r"(\S+Z) (.*)")
 
 
 class BrokenPromiseError(Exception):
-    """What an application did not do in time, with what it printed last."""
+    """Raised when an application does not do something in time; the text has what it printed last."""
 
 
 class RunningApp:
-    """`name` is that of the application's folder. Limits of time are multiplied by how slow the machine is at that moment."""
+    """An application of the folder `name`, on a cluster of real nodes. Limits of time are multiplied by how slow the machine is at that moment."""
 
     def __init__(self, cp: RealNodes, namespace: str, scenario: Scenario, name: str, *, scheduler: str) -> None:
         self.cp = cp

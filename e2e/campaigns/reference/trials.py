@@ -1,4 +1,4 @@
-"""What each reference application does on real nodes, and what its README promises of one fault.
+"""Tries the reference applications on real nodes: what each does, and what its README promises of one fault.
 
 A trial raises BrokenPromiseError for a promise that is not kept; figures that were measured before it stay.
 """
@@ -98,16 +98,16 @@ def try_teleop(app: RunningApp, trial: Trial) -> None:
         time.sleep(max(cut_s + trial.outage_s - time.time(), 0))
     finally:
         app.cp.switch.set_link(*link, down=False)
-    back_s, answered = time.time(), count_answers()
+    back_s, answer_count = time.time(), count_answers()
     trial.figures["stopped_after_s"] = stopped_s - cut_s
     app.wait_until(
-        lambda: count_answers() > answered + TRIPS,
+        lambda: count_answers() > answer_count + TRIPS,
         what=f"{TRIPS} more commands are answered after the link is back",
         component="operator",
         within_s=HEALS_S + TCP_HEALS * trial.outage_s,
     )
     trial.figures["answers_again_after_s"] = (
-        next(at_s for at_s, summary in list_trips(app) if summary[1] > answered) - back_s
+        next(at_s for at_s, summary in list_trips(app) if summary[1] > answer_count) - back_s
     )
     trial.demand(trial.figures["stopped_after_s"] <= STOPPED_S, f"stopped within {STOPPED_S} s of the cut")
     trial.demand(app.count_restarts() == 0, "no container is started again")
@@ -180,11 +180,11 @@ def try_fleet(app: RunningApp, trial: Trial) -> None:
     done_s = app.wait_for("coordinator", f"{TASKS} of {TASKS} tasks are done", within_s=STARTED_S)
     trial.figures["all_done_after_s"] = done_s - killed_s
     work = count_work(app)
-    twice = sorted(task for task, count in work.items() if count > 1)
-    missing = sorted(set(range(1, TASKS + 1)) - set(work))
-    trial.figures |= {"tasks": len(work), "done_twice": len(twice)}
+    repeated = sorted(task for task, count in work.items() if count > 1)
+    undone = sorted(set(range(1, TASKS + 1)) - set(work))
+    trial.figures |= {"tasks": len(work), "done_twice": len(repeated)}
     trial.demand(trial.figures["tasks_on_volume"] > 0, "the next coordinator finds what was done on its volume")
-    trial.demand(not twice and not missing, f"each task is done once; twice {twice}, not at all {missing}")
+    trial.demand(not repeated and not undone, f"each task is done once; twice {repeated}, not at all {undone}")
 
 
 def try_navigation(app: RunningApp, trial: Trial) -> None:

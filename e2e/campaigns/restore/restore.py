@@ -39,7 +39,7 @@ SETTLED_S: Final = 300.0
 
 @dataclass
 class Outcome:
-    """What a run has shown. seconds: from the moment the API server served again."""
+    """Figures of a run. seconds: from the moment the API server served again."""
 
     apps: int
     lost: int

@@ -186,7 +186,7 @@ def _split_script(script: str) -> tuple[str, str, str]:
 
 
 def _copy_shared(package: Path, layer: Path) -> None:
-    """What launch files and nodes read at run time, and the folders that volumes are mounted on."""
+    """Copies the files that launch files and nodes read at run time, and makes the folders that volumes are mounted on."""
     share = layer / _INSTALL / "share" / package.name
     share.mkdir(parents=True)
     shutil.copyfile(package / "package.xml", share / "package.xml")

@@ -46,7 +46,7 @@ class ImageBox:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where outsiders of a cluster live: its addresses, the hub of its networks, and the folders of its run."""
+    """Surroundings of a cluster for outsiders: its addresses, the hub of its networks, and the folders of its run."""
 
     addresses: Addresses
     hub: Box

@@ -16,7 +16,7 @@ _OBJECT: Final = msgspec.json.Decoder(Json)
 
 
 class AppMeta(TypedDict, total=False):
-    """What a Record has of metadata, with its wire names."""
+    """The metadata of a Record, with its wire names."""
 
     name: str
     namespace: str

@@ -21,7 +21,7 @@ _SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0}
 
 @dataclass(slots=True)
 class Context:
-    """What all components of an import share."""
+    """Values that all components of an import share."""
 
     app: str
     project: Project

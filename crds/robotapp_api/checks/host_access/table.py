@@ -32,7 +32,7 @@ class HostRight(StrEnum):
 
 
 class Level(Enum):
-    """What a guarded field is a field of."""
+    """The object that has a guarded field."""
 
     POD = "pod"
     CONTAINER = "container"

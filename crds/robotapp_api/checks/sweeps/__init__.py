@@ -1,1 +1,1 @@
-"""What is wrong with a sweep."""
+"""Checks of sweeps."""

@@ -131,7 +131,7 @@ def compile_logical(steps: list[Step], *, decisive: bool) -> Step:
 
 
 def compile_conditional(condition: Step, yes: Step, no: Step) -> Step:
-    """Condition ? yes : no."""
+    """Compiles `condition ? yes : no`."""
 
     def run(evaluation: Evaluation) -> Any:
         value = condition(evaluation)

@@ -56,9 +56,9 @@ def name_instance(values: Mapping[str, str]) -> str:
 
     It depends on nothing else, so an instance keeps its name when values are added or parameters written in another order.
     """
-    ordered = dict(sorted(values.items()))
-    readable = re.sub(r"[^a-z0-9]+", "-", "-".join(ordered.values()).lower()).strip("-")[:_READABLE].rstrip("-")
-    digest = short_hash(json.dumps(ordered, separators=(",", ":")), HASH_LENGTH)
+    values_by_name = dict(sorted(values.items()))
+    readable = re.sub(r"[^a-z0-9]+", "-", "-".join(values_by_name.values()).lower()).strip("-")[:_READABLE].rstrip("-")
+    digest = short_hash(json.dumps(values_by_name, separators=(",", ":")), HASH_LENGTH)
     return f"{readable}-{digest}" if readable else f"run-{digest}"
 
 
@@ -74,8 +74,8 @@ def list_variables(values: Mapping[str, str]) -> dict[str, str]:
 
 def parallelism_of(matrix: Json) -> int:
     """Returns how many instances run at once."""
-    written = matrix.get("parallelism", DEFAULT_PARALLELISM)
-    return written if isinstance(written, int) else DEFAULT_PARALLELISM
+    parallelism = matrix.get("parallelism", DEFAULT_PARALLELISM)
+    return parallelism if isinstance(parallelism, int) else DEFAULT_PARALLELISM
 
 
 def choose_admitted(
@@ -85,9 +85,9 @@ def choose_admitted(
 
     One that has begun is never stopped by a smaller number, it only keeps later ones waiting. names: all instances in their order.
     """
-    running = [name for name in names if name in begun and name not in finished]
-    waiting = [name for name in names if name not in begun and name not in finished]
-    return frozenset([*running, *waiting[: max(0, parallelism - len(running))]])
+    begun_names = [name for name in names if name in begun and name not in finished]
+    later_names = [name for name in names if name not in begun and name not in finished]
+    return frozenset([*begun_names, *later_names[: max(0, parallelism - len(begun_names))]])
 
 
 def _parameters(matrix: Json) -> Sequence[Json]:

@@ -186,7 +186,7 @@ class LedgerModel:
                 yield self._set_pod(s, f"p{i} gone", True, i, Pod(GONE, NONE, pod.refused))
 
     def _is_used(self, s: State, h: int, i: int) -> bool:
-        """Whether another pod of the claim has its device on the node, or is about to."""
+        """Returns whether another pod of the claim has its device on the node, or is about to."""
         return any(
             self.holders[j] == h and (pod.device != NONE or any(call[1] == j for call in s.calls))
             for j, pod in enumerate(s.pods)
@@ -305,7 +305,7 @@ class LedgerModel:
                 yield self._on(s, k, first, f"{step[0]} d{step[2]} for p{i}")
 
     def _looks_free(self, s: State, x: int, kind: str) -> bool:
-        """Whether no claim has the device. Ours also counts pods that use it although their claim is gone."""
+        """Returns whether no claim has the device. Ours also counts pods that use it although their claim is gone."""
         if any(claim and claim[0] == x for claim in s.claims):
             return False
         return kind == THEIRS or all(pod.device != x or pod.phase not in EXISTS for pod in s.pods)

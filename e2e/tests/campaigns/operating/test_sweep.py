@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from campaigns.operating.sweep import APP, Report, count_live_pods, matrix
+from campaigns.operating.sweep import APP, Report, count_live_pods, make_matrix
 from campaigns.storm.history import Event
 from robotapp_api.model.names import Label
 from robotapp_api.values.sweeps.matrix import count_instances
@@ -37,4 +37,4 @@ def test_instances_at_once_are_counted() -> None:
 
 
 def test_the_matrix_has_as_many_instances_as_are_asked_for() -> None:
-    assert [count_instances(matrix(count, 1)) for count in (1, 7, 24, 200)] == [1, 7, 24, 200]
+    assert [count_instances(make_matrix(count, 1)) for count in (1, 7, 24, 200)] == [1, 7, 24, 200]

@@ -31,7 +31,7 @@ class MasterStart(NamedTuple):
 
 
 class NodeRestart(NamedTuple):
-    """About one component: the annotation to render ("" for none), which has one start more if a restart is due."""
+    """Restarts of one component: the annotation to render ("" for none), which has one start more if a restart is due."""
 
     record: str
     refused: tuple[str, ...] = ()
@@ -81,15 +81,15 @@ def find_start(masters: Sequence[Pod]) -> MasterStart | None:
 
 
 def is_restart(change: Change) -> bool:
-    """Whether the write restarts a component because its master was started anew."""
+    """Returns whether the write restarts a component because its master was started anew."""
     starts = read_master_starts(change.child.spec)
     return change.over is not None and starts not in ("", read_master_starts(change.over.spec))
 
 
 def describe_restart(components: Sequence[str], record: str) -> str:
     """Returns the text of the event. record: the annotation that was written, which ends with the master's start."""
-    started = record.rpartition(_SEPARATOR)[2]
-    return f"the ROS master was started anew at {started} without the names and topics of its nodes: {shown(components)} restarted"
+    start = record.rpartition(_SEPARATOR)[2]
+    return f"the ROS master was started anew at {start} without the names and topics of its nodes: {shown(components)} restarted"
 
 
 def read_master_starts(spec: Mapping[str, object]) -> str:
@@ -114,7 +114,7 @@ def _plan_restart(deployment: Deployment, pods: Sequence[Pod], start: MasterStar
 
 
 def _has_run_since(pod: Pod, node: str, limit: datetime) -> bool:
-    """Whether the node has run without a pause since before `limit`. One that has not started yet will register by itself.
+    """Returns whether the node has run without a pause since before `limit`. One that has not started yet will register by itself.
 
     node: the name of its container. Other containers of the pod may have started at other times.
     """

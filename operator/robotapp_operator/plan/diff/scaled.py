@@ -21,12 +21,12 @@ def note_scaled(
     """Returns the text of an event when others changed only the replicas of what was rendered for this spec, else ""."""
     if not isinstance(over, Deployment) or over.metadata.annotations.get(Annotation.CONTENT_HASH) != child.hash:
         return ""
-    wanted = child.spec["replicas"]
+    replicas = child.spec["replicas"]
     manager = _manager_of_replicas(managed_fields)
-    if over.spec.get("replicas", 1) == wanted or manager == OPERATOR_MANAGER:
+    if over.spec.get("replicas", 1) == replicas or manager == OPERATOR_MANAGER:
         return ""
     by = f"{manager} (a HorizontalPodAutoscaler)" if manager in _AUTOSCALERS else manager or "another writer"
-    text = f"Deployment {child.ref.name} was scaled by {by} and is set back to {wanted}: {_cure(app, child)}"
+    text = f"Deployment {child.ref.name} was scaled by {by} and is set back to {replicas}: {_cure(app, child)}"
     if manager in _AUTOSCALERS:
         text += "; delete the HorizontalPodAutoscaler, which a RobotApp does not follow"
     return text
@@ -34,7 +34,7 @@ def note_scaled(
 
 def _cure(app: App, child: Child) -> str:
     name = app.written_name(child.component)
-    index = next((number for number, one in enumerate(app.written.components) if one.name == name), None)
+    index = next((number for number, component in enumerate(app.written.components) if component.name == name), None)
     if app.spec.suspend:
         return "the app is suspended; write spec.suspend: false"
     if index is None:

@@ -30,14 +30,18 @@ def unmet_dependencies(
         for item in deployments
         if item.metadata.controller_uid == app.uid
     }
-    reached = {
+    names_by_status = {
         "Ready": {name for name, item in by_component.items() if _is_ready(item, pods)},
         "Complete": {name for name, job in jobs.items() if job.is_complete},
     }
     unmet: dict[str, tuple[str, ...]] = {}
     for component in app.spec.components:
         if not _has_started(component.name, by_component, jobs):
-            names = tuple(each.component for each in component.depends_on if each.component not in reached[each.status])
+            names = tuple(
+                dependency.component
+                for dependency in component.depends_on
+                if dependency.component not in names_by_status[dependency.status]
+            )
             unmet |= {component.name: names} if names else {}
     return unmet
 
@@ -58,12 +62,12 @@ def describe_wait(app: App, names: Sequence[str]) -> str:
     """Returns what a component waits for; "" for nothing."""
     if not names:
         return ""
-    suspended = {component.name for component in app.spec.components if component.replicas == 0}
-    listed = [f"{name} (suspended by replicas: 0)" if name in suspended else name for name in names]
+    suspended_names = {component.name for component in app.spec.components if component.replicas == 0}
+    texts = [f"{name} (suspended by replicas: 0)" if name in suspended_names else name for name in names]
     jobs = {component.name for component in app.spec.components if component.job is not None}
     states = {True: "Complete", False: "Ready"}
     groups = [
-        [item for item, name in zip(listed, names, strict=True) if (name in jobs) is ends] for ends in (False, True)
+        [item for item, name in zip(texts, names, strict=True) if (name in jobs) is ends] for ends in (False, True)
     ]
     parts = [
         f"{' and '.join(group)} {'is' if len(group) == 1 else 'are'} {states[ends]}"

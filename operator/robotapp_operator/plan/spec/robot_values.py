@@ -1,4 +1,4 @@
-"""What differs from robot to robot: the app as its overrides make it, and what is expanded in a pod."""
+"""Resolves the values that differ from robot to robot: the app as its overrides make it, and what is expanded in a pod."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping

@@ -31,7 +31,7 @@ class ClaimOwner(Protocol):
 
 
 class ClaimPlan(NamedTuple):
-    """What is missing. `deletes`: claims that nobody may use any more, and those whose wish has changed."""
+    """ResourceClaims to create and to delete. `deletes`: claims that nobody may use any more, and those whose wish has changed."""
 
     creates: tuple[DeviceClaim, ...] = ()
     deletes: tuple[ResourceClaim, ...] = ()
@@ -51,22 +51,24 @@ def plan_claims(
     spec of a claim never changes, so another wish is another claim of the same name; the driver refuses a device that the pod of the
     former claim still has.
     """
-    own = {
+    claims_by_name = {
         claim.metadata.name: claim
         for claim in observed
         if claim.metadata.controller_uid == app.uid and claim.metadata.namespace == app.namespace
     }
-    named = {named_claim(item.spec) for item in workloads if (item.may_run if isinstance(item, Job) else item.replicas)}
-    used = {pod.metadata.labels.get(Label.COMPONENT, "") for pod in pods if not pod.terminal}
+    claim_names = {
+        named_claim(item.spec) for item in workloads if (item.may_run if isinstance(item, Job) else item.replicas)
+    }
+    component_names = {pod.metadata.labels.get(Label.COMPONENT, "") for pod in pods if not pod.terminal}
     creates: list[DeviceClaim] = []
     deletes: list[ResourceClaim] = []
     for wish in wanted:
-        over = own.pop(wish.name, None)
+        over = claims_by_name.pop(wish.name, None)
         if over is None or over.metadata.annotations.get(Annotation.CONTENT_HASH) != wish.hash:
             creates.append(wish)
             deletes += [over] if over is not None else []
-    for name, claim in sorted(own.items()):
-        is_free = name not in named and claim.metadata.labels.get(Label.COMPONENT, "") not in used
+    for name, claim in sorted(claims_by_name.items()):
+        is_free = name not in claim_names and claim.metadata.labels.get(Label.COMPONENT, "") not in component_names
         if is_free and claim.metadata.deletion_timestamp is None:
             deletes.append(claim)
     return ClaimPlan(tuple(creates), tuple(deletes))
@@ -124,20 +126,20 @@ async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
     """
     meta = pod.metadata
     claims = cache.allocations.claims.of_instance(meta.app_uid, meta.instance).values()
-    own = [
+    pod_claims = [
         claim
         for claim in claims
         if claim.metadata.controller_uid == meta.app_uid
         and claim.metadata.namespace == meta.namespace
         and any(user.uid == meta.uid for user in claim.status.reserved_for)
     ]
-    if not own and not cache.allocations.lacks_its_claim(pod):
+    if not pod_claims and not cache.allocations.lacks_its_claim(pod):
         return
     if await evict(client, pod, version=meta.resource_version) != "":
         return
-    what = "pod and claim are" if own else "its claim was made anew, and now the pod is"
-    log.info("pod %s/%s cannot have its device: %s made anew", meta.namespace, meta.name, what)
-    await release_claims(client, own)
+    subject = "pod and claim are" if pod_claims else "its claim was made anew, and now the pod is"
+    log.info("pod %s/%s cannot have its device: %s made anew", meta.namespace, meta.name, subject)
+    await release_claims(client, pod_claims)
 
 
 async def _explain_conflict(client: ApiClient, app: App, claim: DeviceClaim) -> list[tuple[Reason, str]]:

@@ -1,1 +1,1 @@
-"""What a DRA driver publishes and hands over: ResourceSlices and ResourceClaims."""
+"""Caches of a DRA driver's objects: ResourceSlices and ResourceClaims."""

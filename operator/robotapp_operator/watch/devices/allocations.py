@@ -1,4 +1,4 @@
-"""Where the driver runs, and which devices ResourceClaims hold."""
+"""Caches the nodes where the driver runs, and the devices that ResourceClaims hold."""
 
 from collections import Counter
 from collections.abc import Callable

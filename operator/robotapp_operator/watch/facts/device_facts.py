@@ -35,12 +35,12 @@ def count_devices(
 
     idle: components that are not started yet, or have ended.
     """
-    begun = [part for part in app.spec.components if part.replicas and part.name not in idle]
-    wanted = sum(claims_wanted(component.devices) for component in begun)
-    present = min(_count_present(held, cache), wanted)
-    is_short = present < wanted or _waits_to_share(begun, views)
+    started_components = [part for part in app.spec.components if part.replicas and part.name not in idle]
+    wanted_count = sum(claims_wanted(component.devices) for component in started_components)
+    present_count = min(_count_present(held, cache), wanted_count)
+    is_short = present_count < wanted_count or _waits_to_share(started_components, views)
     busy = _describe_conflict(app, instance, cache) if is_short else ""
-    return {"devices_wanted": wanted, "devices_held": present, "busy": busy}
+    return {"devices_wanted": wanted_count, "devices_held": present_count, "busy": busy}
 
 
 def _count_present(claims: Iterable[Claim], cache: Cache) -> int:
@@ -54,19 +54,19 @@ def find_lost_devices(
     """Returns the lost devices. On nodes that are not Ready only those that were lost before: their last report may be old, and
     the status shows the node's state.
     """
-    recorded: dict[str, str] = {}
+    pods_by_device: dict[str, str] = {}
     for item in deployments:
-        recorded |= parse_record(item.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
-    recorded_pods = set(recorded.values())
+        pods_by_device |= parse_record(item.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
+    recorded_pods = set(pods_by_device.values())
     users = [
         pod.metadata.uid
-        for mine in pods.values()
-        for pod in mine
+        for deployment_pods in pods.values()
+        for pod in deployment_pods
         if not pod.terminal
         and pod.metadata.deletion_timestamp is None
         and (pod.metadata.uid in recorded_pods or not cache.nodes.lost(pod.spec.node_name))
     ]
-    return lost_devices(claims, cache.telemetry, users=users, recorded=recorded)
+    return lost_devices(claims, cache.telemetry, users=users, recorded=pods_by_device)
 
 
 def devices_of_pods(cache: Cache) -> PodDevices:
@@ -101,11 +101,11 @@ def _is_recorded(claim: Claim, cache: Cache) -> bool:
 
 def _waits_to_share(components: Iterable[Component], views: Iterable[ComponentView]) -> bool:
     """Returns whether a component without a node wants a device that it would share: no claim shows that it lacks one."""
-    waiting = {view.name for view in views if not view.bound}
+    component_names = {view.name for view in views if not view.bound}
     return any(
         not claimed(device) and device.type != GPU
         for component in components
-        if component.name in waiting
+        if component.name in component_names
         for device in component.devices
     )
 
@@ -134,7 +134,7 @@ def ledger_facts(
 
 
 def _has_claim(component: Component, app: App, instance: Instance, cache: Cache) -> bool:
-    """Whether the component's devices are in a ResourceClaim, or it wants none."""
+    """Returns whether the component's devices are in a ResourceClaim, or it wants none."""
     claims = cache.allocations.claims.of_instance(app.uid, instance.robot).values()
     name = desired_of(app, instance.robot).name_of(component.name)
     return not claims_wanted(component.devices) or name in {claim.metadata.name for claim in claims}
@@ -172,7 +172,7 @@ def _nodes_in_reach(app: App, instance: Instance, cache: Cache) -> Mapping[str, 
 
 
 def _is_on_board(app: App, instance: Instance) -> bool:
-    """Whether all components with devices stay on the instance's robot."""
+    """Returns whether all components with devices stay on the instance's robot."""
     with_devices = [component for component in app.spec.components if component.devices]
     return bool(instance.robot) and all(component.runs_on == (ROBOT,) for component in with_devices)
 

@@ -237,7 +237,7 @@ def _view_helpers(
 
 
 def _infrastructure_ready(deployments: Iterable[Deployment]) -> bool:
-    """Whether each role of the infrastructure has a ready Deployment. One of several suffices: that is what the second discovery
+    """Returns whether each role of the infrastructure has a ready Deployment. One of several suffices: that is what the second discovery
     server is for. A stopped one is left out.
     """
     ready: dict[str, bool] = {}

@@ -1,4 +1,4 @@
-"""Which annotations of an object are kept: all of a few, of many those that a rule reads.
+"""Chooses which annotations of an object are kept: all of a few, of many those that a rule reads.
 
 Tenants may write a quarter of a megabyte of annotations on each object, which would be two megabytes in memory.
 """

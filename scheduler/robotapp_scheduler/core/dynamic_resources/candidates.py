@@ -47,7 +47,7 @@ class Candidates:
 
 
 class Survey(NamedTuple):
-    """What the candidates of all requests show.
+    """Summary of the candidates of all requests.
 
     `kinds` is equal for devices that no request and no constraint tells apart. With `may_fail` a choice may end the search
     with an error, so none may be left out, and there are no kinds. `hopeless`: some request or constraint cannot be served
@@ -60,7 +60,7 @@ class Survey(NamedTuple):
 
 
 def count_survey(claims: Sequence[ResolvedClaim], candidates: Mapping[Requirement, Sequence[Candidate]]) -> int:
-    """How many steps of a search a survey takes as much time as: a value is compared in a quarter of one."""
+    """Returns the steps of a search that take as much time as a survey: a value is compared in a quarter of one."""
     attributes = sum(len(resolved_claim.claim.spec.devices.constraints) for resolved_claim in claims)
     values = sum(map(len, {id(entries): entries for entries in candidates.values()}.values())) * (1 + attributes)
     for resolved_claim in claims:

@@ -46,7 +46,7 @@ class Constraint:
         return not self._requests or request in self._requests or name in self._requests
 
     def get_value(self, offered_device: OfferedDevice) -> tuple[bool, ScalarValue | None]:
-        """Whether the device has the attribute, and its value."""
+        """Returns whether the device has the attribute, and its value."""
         result = self._value_of.get(offered_device)
         if result is None:
             attribute = lookup_attribute(offered_device, self.attribute)

@@ -1,4 +1,4 @@
-"""Whether ROS_DOMAIN_ID of a pod with the annotation dds-domain will hold the domain that the scheduler grants.
+"""Checks whether ROS_DOMAIN_ID of a pod with the annotation dds-domain will hold the domain that the scheduler grants.
 
 The kubelet fills a variable from an annotation that is absent with empty text, and ROS then joins domain 0 without a
 word. The environment of a pod never changes, so such a pod is refused before it starts.

@@ -63,7 +63,7 @@ def _compile_pattern(text: str) -> Any:
 
 
 def matches(text: Any, pattern: Any) -> bool:
-    """Is the pattern matching_parts anywhere in the text?"""
+    """Returns whether the pattern matches any part of the text."""
     return _compile_pattern(_check_text(pattern)).search(_check_text(text)) is not None
 
 

@@ -1,4 +1,4 @@
-"""Which components get their devices by a ResourceClaim, and which by RobotClaims.
+"""Chooses which components get their devices by a ResourceClaim, and which by RobotClaims.
 
 A node that gains or loses the driver must restart nothing. So the choice is made when a component is created, edited, resumed,
 or waits for a node with no pod on any; in between it is what the Deployment's template says.
@@ -18,7 +18,7 @@ from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job
 
 
 class DriverNodes(NamedTuple):
-    """Where the driver runs, and the labels of all nodes by name."""
+    """Nodes where the driver runs, and the labels of all nodes by name."""
 
     names: Collection[str] = frozenset()
     labels: Mapping[str, Mapping[str, str]] = {}

@@ -47,7 +47,7 @@ class DeviceClaim:
 
 
 def may_be_handed_over(component: Component) -> bool:
-    """Whether a driver could give the component all devices that it wants for itself, and there are any.
+    """Returns whether a driver could give the component all devices that it wants for itself, and there are any.
 
     A CAN bus is of use in the node's network alone, so the bus of another pod is reserved as where there is no driver.
     """

@@ -11,7 +11,7 @@ STATUS_PERIOD_S = 0.2
 
 
 class Robot(Node):
-    """Its name is that of the node. Numbers of its tasks only grow, so an answer that comes twice or late is known by its number."""
+    """A robot of the fleet, named like its node. Numbers of its tasks only grow, so an answer that comes twice or late is known by its number."""
 
     def __init__(self):
         super().__init__("robot")

@@ -40,12 +40,12 @@ class RoundTrips:
 
     def percentile(self, share):
         """Returns the least round trip in ms that `share` percent do not exceed; NaN without any."""
-        ordered = sorted(self._rtts_ms)
-        return ordered[max(math.ceil(len(ordered) * share / 100) - 1, 0)] if ordered else math.nan
+        sorted_ms = sorted(self._rtts_ms)
+        return sorted_ms[max(math.ceil(len(sorted_ms) * share / 100) - 1, 0)] if sorted_ms else math.nan
 
     def summary(self):
-        answered = len(self._rtts_ms)
+        answers = len(self._rtts_ms)
         return (
-            f"{self.sent} commands, {answered} answered, {self.late} late (over {self.deadline_ms:g} ms or lost), "
+            f"{self.sent} commands, {answers} answered, {self.late} late (over {self.deadline_ms:g} ms or lost), "
             f"p50 {self.percentile(50):.2f} ms, p95 {self.percentile(95):.2f} ms, p99 {self.percentile(99):.2f} ms"
         )

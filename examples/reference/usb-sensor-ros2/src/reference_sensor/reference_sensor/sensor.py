@@ -30,7 +30,7 @@ def compute_checksum(data):
 
 
 class Sensor:
-    """Polled by a timer of a node. Prints when the device comes and goes, once each; times are seconds of one clock."""
+    """Reads the sensor; a timer of a node polls it. Prints when the device comes and goes, once each; times are seconds of one clock."""
 
     def __init__(self, path, baud_rate):
         self._path = path

@@ -1,4 +1,4 @@
-"""Which tasks there are, who has them, and which are done: a journal on disk that a new coordinator reads."""
+"""The list of tasks: who has them, and which are done, in a journal on disk that a new coordinator reads."""
 
 import json
 import os
