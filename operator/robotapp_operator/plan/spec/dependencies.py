@@ -1,20 +1,17 @@
 """Components that wait for others (dependsOn): they start when these are ready, and run on when these cease to be."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final
 
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Job, Pod
-
-NO_JOBS: Final[Mapping[str, Job]] = {}
 
 
 def unmet_dependencies(
     app: App,
     deployments: Iterable[Deployment],
     pods: Mapping[str, Sequence[Pod]] | None = None,
-    jobs: Mapping[str, Job] = NO_JOBS,
+    jobs: Mapping[str, Job] = {},
 ) -> dict[str, tuple[str, ...]]:
     """Returns, by component that must not start yet, the components it waits for. deployments: of one instance.
 

@@ -123,9 +123,11 @@ def component_view(
     failures: Mapping[str, str] = NO_FAILURES,
     wait: str = "",
 ) -> ComponentView:
-    """pods: those the Deployment owns, terminating and finished ones included. missing: required ConfigMaps, Secrets and keys that
-    do not exist. lost: nodes of these pods that are not Ready. barred: uids of pods that no node admits. failures: by uid of a
-    pod, why its containers do not start. wait: for which others it waits.
+    """Returns the view of a component that runs on.
+
+    pods: those the Deployment owns, terminating and finished ones included. missing: required ConfigMaps, Secrets and keys that do not
+    exist. lost: nodes of these pods that are not Ready. barred: uids of pods that no node admits. failures: by uid of a pod, why its
+    containers do not start. wait: which components it waits for.
     """
     if deployment is None:
         return _view_missing(component, wait)
@@ -138,7 +140,7 @@ def component_view(
     ready = up_to_date and deployment.status.ready_replicas == replicas > 0
     reason, message = (None, "") if ready else _failure(deployment, pods, live, barred)
     if missing and not ready and reason is None:  # the kubelet waits for the object and reports that in an event only
-        reason, message = Reason.FAILED_CREATE, f"{'; '.join(missing)}: create it, or write optional: true"
+        reason, message = Reason.FAILED_CREATE, _describe_missing(missing)
     failed = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
     if failed and not ready and reason is None:
         reason, message = Reason.FAILED_CREATE, failed[0]
@@ -190,22 +192,17 @@ def job_view(
         return dataclasses.replace(_view_missing(component, wait or text), is_job=True, rolling=ending is None)
     live = [pod for pod in pods if not pod.terminal and pod.metadata.deletion_timestamp is None]
     completed, ready = job.is_complete, any(pod.is_ready for pod in live)
-    failed = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
     reason: Reason | None = None
     message = ""
     if job.verdict is not None:
-        reason, message = (
-            (None, f"completed at {job.verdict.last_transition_time}")
-            if completed
-            else _explain_failure(job, pods, ending)
-        )
+        reason, message = _explain_end_of_job(job, pods, ending)
     elif not ready:
         reason, message = _pods_failure(pods, live, barred)
-        if reason is None and (missing or failed):
-            reason = Reason.FAILED_CREATE
-            message = failed[0] if failed else f"{'; '.join(missing)}: create it, or write optional: true"
-        away = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
-        message = message or (f"node {away[0]} is not Ready" if away else _describe_attempts(job, pods))
+        texts = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
+        if reason is None and (missing or texts):
+            reason, message = Reason.FAILED_CREATE, texts[0] if texts else _describe_missing(missing)
+        lost_nodes = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
+        message = message or (f"node {lost_nodes[0]} is not Ready" if lost_nodes else _describe_attempts(job, pods))
     queue = job.metadata.labels.get(QUEUE_NAME, "")
     if queue and job.is_suspended and job.verdict is None:
         message = f"waits in queue {queue} until kueue admits it (kubectl get workloads)"
@@ -232,9 +229,18 @@ def job_view(
     )
 
 
-def _explain_failure(job: Job, pods: Sequence[Pod], ending: Ending | None) -> tuple[Reason | None, str]:
-    """Returns why a job has failed, and how it is run again. One that was ended with its instance has not failed by itself."""
+def _describe_missing(names: Sequence[str]) -> str:
+    """Returns which ConfigMaps, Secrets and keys a component lacks, with the cure."""
+    return f"{'; '.join(names)}: create it, or write optional: true"
+
+
+def _explain_end_of_job(job: Job, pods: Sequence[Pod], ending: Ending | None) -> tuple[Reason | None, str]:
+    """Returns how a job has ended. One that has failed has the reason, and how it is run again; one that was ended with its instance
+    has not failed by itself.
+    """
     name, verdict = job.metadata.name, job.verdict
+    if job.is_complete and verdict is not None:
+        return None, f"completed at {verdict.last_transition_time}"
     is_cause = ending is None or ending.component == job.metadata.labels.get(Label.COMPONENT, "")
     if ending is not None and not is_cause and verdict is not None and verdict.reason == "DeadlineExceeded":
         return None, f"ended with its instance ({ending.reason})"
@@ -248,13 +254,13 @@ def _explain_failure(job: Job, pods: Sequence[Pod], ending: Ending | None) -> tu
 
 def _last_exit(pods: Sequence[Pod]) -> Terminated | None:
     """Returns how the newest container that failed has ended."""
-    ended = [
-        one.state.terminated
+    failures = [
+        container.state.terminated
         for pod in pods
-        for one in (*pod.status.init_container_statuses, *pod.status.container_statuses)
-        if one.state.terminated is not None and one.state.terminated.exit_code != 0
+        for container in (*pod.status.init_container_statuses, *pod.status.container_statuses)
+        if container.state.terminated is not None and container.state.terminated.exit_code != 0
     ]
-    return max(ended, key=lambda each: each.finished_at or "", default=None)
+    return max(failures, key=lambda failure: failure.finished_at or "", default=None)
 
 
 def _describe_attempts(job: Job, pods: Sequence[Pod]) -> str:

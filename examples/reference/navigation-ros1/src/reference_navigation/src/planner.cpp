@@ -29,10 +29,10 @@ double now() { return ros::SteadyTime::now().toSec(); }
 class Planner {
  public:
   Planner()
-      : own_("~"),
-        goal_{own_.param("goal_x", 9.0), own_.param("goal_y", 9.0)},
-        grid_(own_.param("size", 10.0)),
-        max_speed_(own_.param("max_speed", 0.6)) {
+      : params_("~"),
+        goal_{params_.param("goal_x", 9.0), params_.param("goal_y", 9.0)},
+        grid_(params_.param("size", 10.0)),
+        max_speed_(params_.param("max_speed", 0.6)) {
     commands_ = node_.advertise<geometry_msgs::Twist>("cmd_vel", 10);
     const auto hints = ros::TransportHints().tcpNoDelay();
     odometry_ = node_.subscribe("odom", 10, &Planner::onOdometry, this, hints);
@@ -75,7 +75,7 @@ class Planner {
     commands_.publish(command);
   }
 
-  ros::NodeHandle node_, own_;
+  ros::NodeHandle node_, params_;
   Point goal_;
   Grid grid_;
   double max_speed_;

@@ -24,11 +24,11 @@ double now() { return ros::SteadyTime::now().toSec(); }
 class Robot {
  public:
   Robot()
-      : own_("~"),
-        world_(own_.param("start", std::vector<double>{1, 1, 0}), own_.param("walls", std::vector<double>{})),
-        range_max_(own_.param("range_max", 6.0)),
-        beams_(own_.param("beams", 180)),
-        stop_after_s_(own_.param("stop_after_s", 0.5)) {
+      : params_("~"),
+        world_(params_.param("start", std::vector<double>{1, 1, 0}), params_.param("walls", std::vector<double>{})),
+        range_max_(params_.param("range_max", 6.0)),
+        beams_(params_.param("beams", 180)),
+        stop_after_s_(params_.param("stop_after_s", 0.5)) {
     odometry_ = node_.advertise<nav_msgs::Odometry>("odom", 10);
     scans_ = node_.advertise<sensor_msgs::LaserScan>("scan", 1);
     commands_ = node_.subscribe("cmd_vel", 10, &Robot::onCommand, this, ros::TransportHints().tcpNoDelay());
@@ -81,7 +81,7 @@ class Robot {
     scans_.publish(scan);
   }
 
-  ros::NodeHandle node_, own_;
+  ros::NodeHandle node_, params_;
   World world_;
   double range_max_;
   int beams_;

@@ -21,18 +21,18 @@ double now() { return ros::SteadyTime::now().toSec(); }
 // An answer carries the stamp of its command, so that clocks of two machines are never compared.
 class Operator {
  public:
-  Operator() : own_("~"), trips_(own_.param("deadline_ms", 50.0)) {
-    own_.param("speed", speed_, 0.3);
-    own_.param("turn", turn_, 0.2);
-    const auto path = own_.param<std::string>("csv", "");
+  Operator() : params_("~"), trips_(params_.param("deadline_ms", 50.0)) {
+    params_.param("speed", speed_, 0.3);
+    params_.param("turn", turn_, 0.2);
+    const auto path = params_.param<std::string>("csv", "");
     if (!path.empty()) {
       csv_.open(path);
       csv_ << "sent_s,rtt_ms" << std::endl;
     }
     commands_ = node_.advertise<geometry_msgs::TwistStamped>("cmd_vel", 10);
     states_ = node_.subscribe("robot_state", 10, &Operator::onState, this, ros::TransportHints().tcpNoDelay());
-    sending_ = node_.createWallTimer(ros::WallDuration(1 / own_.param("rate_hz", 20.0)), &Operator::send, this);
-    telling_ = node_.createWallTimer(ros::WallDuration(kSummaryPeriodS), &Operator::logSummary, this);
+    sending_ = node_.createWallTimer(ros::WallDuration(1 / params_.param("rate_hz", 20.0)), &Operator::send, this);
+    summary_timer_ = node_.createWallTimer(ros::WallDuration(kSummaryPeriodS), &Operator::logSummary, this);
   }
 
   ~Operator() { std::cout << trips_.summary() << std::endl; }
@@ -60,13 +60,13 @@ class Operator {
 
   void logSummary(const ros::WallTimerEvent&) { std::cout << trips_.summary() << std::endl; }
 
-  ros::NodeHandle node_, own_;
+  ros::NodeHandle node_, params_;
   RoundTrips trips_;
   double speed_, turn_;
   std::ofstream csv_;
   ros::Publisher commands_;
   ros::Subscriber states_;
-  ros::WallTimer sending_, telling_;
+  ros::WallTimer sending_, summary_timer_;
 };
 
 int main(int argc, char** argv) {

@@ -19,8 +19,8 @@ double now() { return ros::SteadyTime::now().toSec(); }
 class Robot {
  public:
   Robot()
-      : own_("~"),
-        drive_(own_.param("max_speed", 0.5), own_.param("max_turn", 1.0), own_.param("stop_after_s", 0.5)) {
+      : params_("~"),
+        drive_(params_.param("max_speed", 0.5), params_.param("max_turn", 1.0), params_.param("stop_after_s", 0.5)) {
     states_ = node_.advertise<nav_msgs::Odometry>("robot_state", 10);
     commands_ = node_.subscribe("cmd_vel", 10, &Robot::onCommand, this, ros::TransportHints().tcpNoDelay());
     controlling_ = node_.createWallTimer(ros::WallDuration(kControlPeriodS), &Robot::control, this);
@@ -52,7 +52,7 @@ class Robot {
     states_.publish(state);
   }
 
-  ros::NodeHandle node_, own_;
+  ros::NodeHandle node_, params_;
   Drive drive_;
   ros::Publisher states_;
   ros::Subscriber commands_;

@@ -10,11 +10,11 @@ constexpr double kPollPeriodS = 0.02;
 class Driver {
  public:
   Driver()
-      : own_("~"),
-        sensor_(own_.param<std::string>("device", "/dev/sensor"), own_.param("baud_rate", 115200)),
-        frame_(own_.param<std::string>("frame_id", "sensor")) {
+      : params_("~"),
+        sensor_(params_.param<std::string>("device", "/dev/sensor"), params_.param("baud_rate", 115200)),
+        frame_(params_.param<std::string>("frame_id", "sensor")) {
     temperatures_ = node_.advertise<sensor_msgs::Temperature>("temperature", 10);
-    polling_ = node_.createWallTimer(ros::WallDuration(kPollPeriodS), &Driver::poll, this);
+    poll_timer_ = node_.createWallTimer(ros::WallDuration(kPollPeriodS), &Driver::poll, this);
   }
 
  private:
@@ -28,11 +28,11 @@ class Driver {
     }
   }
 
-  ros::NodeHandle node_, own_;
+  ros::NodeHandle node_, params_;
   Sensor sensor_;
   std::string frame_;
   ros::Publisher temperatures_;
-  ros::WallTimer polling_;
+  ros::WallTimer poll_timer_;
 };
 
 int main(int argc, char** argv) {

@@ -22,10 +22,10 @@ void print(const std::string& sentence) {
 
 class Listener {
  public:
-  Listener() : own_("~"), arrivals_(own_.param("silent_after_s", 2.0), now()) {
+  Listener() : params_("~"), arrivals_(params_.param("silent_after_s", 2.0), now()) {
     temperatures_ = node_.subscribe("temperature", 10, &Listener::onTemperature, this);
-    checking_ = node_.createWallTimer(ros::WallDuration(kCheckPeriodS), &Listener::check, this);
-    telling_ = node_.createWallTimer(ros::WallDuration(kSummaryPeriodS), &Listener::logSummary, this);
+    check_timer_ = node_.createWallTimer(ros::WallDuration(kCheckPeriodS), &Listener::check, this);
+    summary_timer_ = node_.createWallTimer(ros::WallDuration(kSummaryPeriodS), &Listener::logSummary, this);
   }
 
   ~Listener() { print(arrivals_.summarize()); }
@@ -37,10 +37,10 @@ class Listener {
 
   void logSummary(const ros::WallTimerEvent&) { print(arrivals_.summarize()); }
 
-  ros::NodeHandle node_, own_;
+  ros::NodeHandle node_, params_;
   Arrivals arrivals_;
   ros::Subscriber temperatures_;
-  ros::WallTimer checking_, telling_;
+  ros::WallTimer check_timer_, summary_timer_;
 };
 
 int main(int argc, char** argv) {
