@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from campaigns.nodes.claims import RESTRICTED, wait_published
+from campaigns.nodes.claims import CLAIMS, RESTRICTED, events_of, wait_published
 from campaigns.nodes.real_pods import FOREVER, pod, run, shell
 from robotapp_api.model.names import API_VERSION, Label
+from robotapp_claims.rules.device_attributes import DRIVER
 from robotapp_testbed import wait_until
 from robotapp_testbed.control_plane import components_as_pods
 from robotapp_testbed.control_plane.namespaces import created
@@ -29,6 +30,8 @@ HANDED_ON_S = 3.0
 BARE_STARTS = 4
 """On a busy machine a device may take as long as this many starts of a bare pod in the same minute."""
 WAITED_S = 60.0
+GIVEN_BACK_S = 120.0
+"""30 s of refusals, the kubelet's pauses between them, and the looks at events of pods that wait for long."""
 TALK = 'exec 3<>"$ROBOTAPP_DEVICE_ARM" && echo hello >&3 && read line <&3 && echo "$line"'
 Json = dict[str, Any]
 
@@ -182,3 +185,81 @@ def test_a_suspended_app_gives_its_device_back(cluster: RealNodes, namespace: st
         *("patch", "robotapp", "first", "-n", namespace, "--type=merge", "-p", '{"spec": {"suspend": true}}')
     )
     wait_running(cluster, namespace, "second")
+
+
+def pods_of(cluster: RealNodes, namespace: str, app: str) -> list[Json]:
+    items: list[Json] = cluster.api.get(f"/api/v1/namespaces/{namespace}/pods?labelSelector={Label.APP}={app}")["items"]
+    return [pod for pod in items if "deletionTimestamp" not in pod["metadata"]]
+
+
+def claims_of(cluster: RealNodes, namespace: str, app: str) -> list[Json]:
+    items: list[Json] = cluster.api.get(f"{CLAIMS.format(namespace)}?labelSelector={Label.APP}={app}")["items"]
+    return items
+
+
+def place_with_arm(cluster: RealNodes, namespace: str, app: str) -> tuple[Json, Json]:
+    """Binds the app's pod with its claim for the arm, as a scheduler would that has not seen who has it. Returns both."""
+
+    def may_be_bound() -> bool:
+        pods = pods_of(cluster, namespace, app)
+        return (
+            len(pods) == 1 and not pods[0]["spec"].get("schedulingGates") and bool(claims_of(cluster, namespace, app))
+        )
+
+    assert wait_until(may_be_bound, timeout_s=WAITED_S), cluster.kubectl(
+        "get", "robotapp,deployment,pod,resourceclaim", "-n", namespace, "-o", "yaml"
+    )
+    (pod,), (claim,) = pods_of(cluster, namespace, app), claims_of(cluster, namespace, app)
+    owner = claim["metadata"]["ownerReferences"][0]
+    users = [
+        {"resource": "pods", "name": pod["metadata"]["name"], "uid": pod["metadata"]["uid"]},
+        {"apiGroup": "robotics.io", "resource": "robotapps", "name": owner["name"], "uid": owner["uid"]},
+    ]
+    result = {"request": "arm", "driver": DRIVER, "pool": "robot-1", "device": ARM}
+    path = f"{CLAIMS.format(namespace)}/{claim['metadata']['name']}/status"
+    cluster.api.patch(path, {"status": {"allocation": {"devices": {"results": [result]}}, "reservedFor": users}})
+    name = pod["metadata"]["name"]
+    target = {"apiVersion": "v1", "kind": "Node", "name": "robot-1"}
+    binding = {"apiVersion": "v1", "kind": "Binding", "metadata": {"name": name}, "target": target}
+    cluster.api.create(f"/api/v1/namespaces/{namespace}/pods/{name}/binding", binding)
+    return pod, claim
+
+
+def uids(objects: list[Json]) -> set[str]:
+    return {item["metadata"]["uid"] for item in objects}
+
+
+def test_a_pod_that_cannot_have_its_device_for_long_is_replaced_with_its_claim(
+    cluster: RealNodes, namespace: str, record_property: Any
+) -> None:
+    wish = [{"name": "arm", "type": "serial"}]
+    apply(cluster, namespace, robotapp("first", wish))
+    holder = wait_running(cluster, namespace, "first")
+    other = robotapp("second", wish)
+    other["spec"]["schedulerName"] = "nobody"
+    apply(cluster, namespace, other)
+
+    pod, claim = place_with_arm(cluster, namespace, "second")
+    begun = time.monotonic()
+    assert wait_until(
+        lambda: "is in use by" in events_of(cluster, namespace, pod["metadata"]["name"]), timeout_s=WAITED_S
+    )
+    assert wait_until(
+        lambda: (
+            not uids([pod, claim])
+            & uids(pods_of(cluster, namespace, "second") + claims_of(cluster, namespace, "second"))
+        ),
+        timeout_s=GIVEN_BACK_S,
+    ), cluster.kubectl("get", "robotapp,resourceclaim,pod,events", "-n", namespace)
+    record_property("bound to given back, s", round(time.monotonic() - begun, 1))
+
+    pod, claim = place_with_arm(cluster, namespace, "second")
+    cluster.api.delete(f"{CLAIMS.format(namespace)}/{claim['metadata']['name']}")
+    begun = time.monotonic()
+    assert wait_until(
+        lambda: (left := pods_of(cluster, namespace, "second")) and pod["metadata"]["uid"] not in uids(left),
+        timeout_s=GIVEN_BACK_S,
+    ), cluster.kubectl("get", "robotapp,resourceclaim,pod,events", "-n", namespace)
+    record_property("claim deleted by hand to pod replaced, s", round(time.monotonic() - begun, 1))
+    assert not claims_of(cluster, namespace, "second")[0].get("status", {}).get("allocation")
+    assert shell(cluster, namespace, holder, TALK) == "hello\n"
