@@ -44,9 +44,18 @@ class Patience(NamedTuple):
     """A claim's next try, and the first one after a holder whose claim is gone: 30 s are the usual grace period of its pod."""
     look_again_s: float = 1.0
     """A claim that no pod uses keeps its device until it is deleted or deallocated, which only a read shows."""
+    call_s: float = 40.0
+    """A whole preparation with all it reads: beyond the kubelet's patience its event would name no reason."""
 
 
 PATIENCE: Final = Patience()
+
+
+class Preparation(msgspec.Struct, eq=False):
+    """A call that is on its way. `is_void`: the kubelet gave the claim back meanwhile, and would not do so again."""
+
+    uid: str
+    is_void: bool = False
 
 
 class DevicePlugin:
@@ -76,6 +85,7 @@ class DevicePlugin:
         self._patience = patience
         self._refused: set[str] = set()
         """Claims that were told who has their device."""
+        self._preparations: set[Preparation] = set()
         self._releases = asyncio.Condition()
         self._devices: dict[str, Device] = {}
         self._ledger = folders.checkpoint.load()
@@ -109,9 +119,21 @@ class DevicePlugin:
 
     async def prepare(self, reference: ClaimReference) -> tuple[DeviceAnswer, ...] | str:
         """The devices for the kubelet, or why the claim cannot be prepared. Preparing again changes nothing."""
-        plan = await self._plan(reference)
-        if isinstance(plan, PreparedClaim) and await self._wait_until_free(plan):
-            plan = await self._plan(reference)  # meanwhile the claim may have been deleted, or given another device
+        preparation = Preparation(reference.uid)
+        self._preparations.add(preparation)
+        try:
+            async with asyncio.timeout(self._patience.call_s):
+                plan = await self._plan(reference)
+                if isinstance(plan, PreparedClaim) and await self._wait_until_free(plan):
+                    plan = await self._plan(
+                        reference
+                    )  # meanwhile the claim may have been deleted, or given another device
+        except TimeoutError:
+            return f"{_name(reference)} is not prepared after {self._patience.call_s:.0f} s: the API server answers too slowly"
+        finally:
+            self._preparations.discard(preparation)
+        if preparation.is_void:
+            return f"{_name(reference)} was given back by the kubelet while it was prepared"
         return self._record(plan) if isinstance(plan, PreparedClaim) else plan
 
     async def _plan(self, reference: ClaimReference) -> PreparedClaim | str:
@@ -125,7 +147,7 @@ class DevicePlugin:
         except (ClientError, msgspec.ValidationError) as error:
             recorded_claim = self._ledger.claims.get(reference.uid)
             if recorded_claim is None or isinstance(error, NotFound):
-                return f"claim {reference.namespace}/{reference.name} cannot be read: {error}"
+                return f"{_name(reference)} cannot be read: {error}"
             return msgspec.structs.replace(recorded_claim, boot_id=self._boot_id)
         plan = plan_preparation(claim, uid=reference.uid, node=self._node, devices=self._devices, boot_id=self._boot_id)
         if isinstance(plan, Refusal):
@@ -185,13 +207,15 @@ class DevicePlugin:
     async def unprepare(self, reference: ClaimReference) -> str:
         """Gives the claim's devices back; the error, or "" when they are free."""
         self._refused.discard(reference.uid)
+        for preparation in self._preparations:
+            preparation.is_void = preparation.is_void or preparation.uid == reference.uid
         try:
             # First the device, then the lock.
             self._folders.cdi.remove(reference.uid)
             self._save(self._ledger.release(reference.uid))
         except OSError as error:
-            return f"the devices of claim {reference.namespace}/{reference.name} are not given back: {error}"
-        log.info("claim %s/%s is given back by the kubelet", reference.namespace, reference.name)
+            return f"the devices of {_name(reference)} are not given back: {error}"
+        log.info("%s is given back by the kubelet", _name(reference))
         async with self._releases:
             self._releases.notify_all()
         return ""
@@ -222,9 +246,13 @@ class DevicePlugin:
         return tuple(DeviceAnswer(d.request, d.pool, d.device, cdi_id(claim, d)) for d in claim.devices)
 
     def _write_spec(self, claim: PreparedClaim) -> bool:
-        """Writes the CDI spec; returns whether the claim's devices are all there."""
+        """Writes the CDI spec; returns whether the claim's devices are all there.
+
+        Without one of them the spec goes: its device file may become that of another device, which a container that restarts would open.
+        """
         spec = spec_of(claim, self._devices, {d.device: self._files(d.device) for d in claim.devices})
         if spec is None:
+            self._folders.cdi.remove(claim.uid)
             return False
         self._folders.cdi.write(claim.uid, spec)
         return True
@@ -278,3 +306,7 @@ class DevicePlugin:
         if current.metadata.uid != claim.uid:
             return set()
         return {result.device for result in current.results if result.pool == self._node}
+
+
+def _name(reference: ClaimReference) -> str:
+    return f"claim {reference.namespace}/{reference.name}"

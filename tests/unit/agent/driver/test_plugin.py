@@ -447,6 +447,68 @@ async def test_a_device_at_another_path_changes_the_spec_of_its_claim(node: Node
     assert edits["deviceNodes"][0]["hostPath"] == "/dev/full"
 
 
+@pytest.mark.parametrize("without", [(), (device(path="/dev/zero", present=False),)], ids=["forgotten", "unplugged"])
+async def test_a_container_that_restarts_without_its_device_gets_none_that_took_its_path(
+    node: Node, without: tuple[Device, ...]
+) -> None:
+    node.allocate("driver")
+    async with node.run() as plugin:
+        await node.kubelet.prepare("driver")
+        plugin.update_devices([*without, device("serial-9", path="/dev/zero")])
+        assert node.cdi.list_uids() == []
+        plugin.update_devices([ZERO])
+    assert node.spec("driver")["devices"][0]["containerEdits"]["deviceNodes"][0]["hostPath"] == "/dev/zero"
+
+
+async def test_claims_of_one_pod_wait_for_their_devices_together(node: Node) -> None:
+    """The kubelet's patience is for its call, so one wait after the other would exceed it."""
+    other = device("serial-9", path="/dev/full")
+    for name in ("first", "second"):
+        node.allocate(name)
+    for name in ("third", "fourth"):
+        node.allocate(name, result(device_id="serial-9"))
+    node.patience = Patience(60, 60, look_again_s=0.01)
+    async with node.run(devices=(ZERO, other)):
+        for name in ("first", "third"):
+            await node.kubelet.prepare(name)
+        waiting = asyncio.create_task(node.kubelet.prepare_all("second", "fourth"))
+        await node.kubelet.unprepare("third")
+        node.deallocate("third")
+        await until(lambda: "uid-of-fourth" in node.checkpoint.load().claims)
+        assert not waiting.done()
+        await node.kubelet.unprepare("first")
+        node.deallocate("first")
+        assert [answer.error for answer in await waiting] == ["", ""]
+
+
+async def test_a_claim_that_is_given_back_while_it_is_prepared_takes_nothing(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kubelet gives it back once, after it has cancelled the preparation: nobody would give the device back again."""
+    node.allocate("first")
+    plugin = node.start_plugin()
+    first = ClaimReference("fleet", "uid-of-first", "first")
+    monkeypatch.setattr(node.client, "get", read := SlowRead(node.client.get, "first"))
+    preparing = asyncio.create_task(plugin.prepare(first))
+    await read.was_read.wait()
+    assert await plugin.unprepare(first) == ""
+    read.may_return.set()
+    assert "was given back by the kubelet" in str(await preparing)
+    assert node.checkpoint.load().claims == {}
+
+
+async def test_a_preparation_ends_with_a_reason_before_the_kubelet_gives_up(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node.allocate("first")
+    node.patience = Patience(call_s=0.01)
+    plugin = node.start_plugin()
+    monkeypatch.setattr(node.client, "get", SlowRead(node.client.get, "first"))
+    answer = await plugin.prepare(ClaimReference("fleet", "uid-of-first", "first"))
+    assert "the API server answers too slowly" in str(answer)
+    assert node.checkpoint.load().claims == {}
+
+
 async def test_a_device_whose_file_is_gone_is_refused(node: Node) -> None:
     node.allocate("driver")
     async with node.run(devices=(device(path="/dev/ttyUSB77"),)):
