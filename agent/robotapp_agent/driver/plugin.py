@@ -94,13 +94,26 @@ class DevicePlugin:
         return f"<DevicePlugin of {self._node}: {len(self._ledger.claims)} claims, {len(self._devices)} devices>"
 
     def update_devices(self, devices: Iterable[Device]) -> None:
-        """Takes in a scan: a device that was plugged in again may have another path, which the next container gets."""
+        """Takes in a scan: a device that was plugged in again may have another path, which the next container gets.
+
+        Unless that path is what a container of another claim has from a device that it lost: it could open both.
+        """
         self._devices = {device.id: device for device in devices}
-        for claim in self._ledger.claims.values():
+        claims = {uid: self._number(claim) for uid, claim in self._ledger.claims.items()}
+        try:
+            self._save(Ledger(claims=claims))
+        except OSError as error:
+            log.warning("numbers of devices are not recorded: %s", error)
+        for claim in claims.values():
             if not claim.boot_id:
                 continue
             try:
-                self._write_spec(claim)
+                held = self._ledger.find_holder(claim)
+                if held is None:
+                    self._write_spec(claim)
+                elif claim.uid in self._folders.cdi.list_uids():
+                    self._folders.cdi.remove(claim.uid)
+                    log.warning("claim %s/%s: %s", claim.namespace, claim.name, self._explain(held, claim))
             except OSError as error:
                 log.warning("the CDI spec of claim %s/%s is not written: %s", claim.namespace, claim.name, error)
 
@@ -152,6 +165,7 @@ class DevicePlugin:
         plan = plan_preparation(claim, uid=reference.uid, node=self._node, devices=self._devices, boot_id=self._boot_id)
         if isinstance(plan, Refusal):
             return plan.text
+        plan = self._number(plan)
         if reason := await self._find_robotclaim(plan):
             return reason
         while (held := self._ledger.find_holder(plan)) and await self._forget_if_gone(held.holder):
@@ -197,7 +211,7 @@ class DevicePlugin:
         if plan.uid in self._refused:
             return self._patience.later_s
         allocated = await self._read_allocated(held.holder)
-        is_given_up = allocated is not None and held.device not in allocated
+        is_given_up = allocated is not None and (held.former or held.device) not in allocated
         return self._patience.later_s if is_given_up else self._patience.first_s
 
     async def _wait_for_release(self, holder: PreparedClaim) -> None:
@@ -221,12 +235,13 @@ class DevicePlugin:
         return ""
 
     def _record(self, claim: PreparedClaim) -> tuple[DeviceAnswer, ...] | str:
+        claim = self._number(claim)
         ledger = self._ledger.prepare(claim)
         if isinstance(ledger, Held):
             if len(self._refused) >= MOST_REFUSED:
                 self._refused.clear()
             self._refused.add(claim.uid)
-            return ledger.explain(node=self._node, namespace=claim.namespace)
+            return self._explain(ledger, claim)
         if former_device := self._ledger.find_former_device(claim):
             return (
                 f"claim {claim.namespace}/{claim.name} was given another device while a container may still have {former_device} of node "
@@ -245,6 +260,9 @@ class DevicePlugin:
         log.info("claim %s/%s is prepared: %s", claim.namespace, claim.name, ", ".join(d.device for d in claim.devices))
         return tuple(DeviceAnswer(d.request, d.pool, d.device, cdi_id(claim, d)) for d in claim.devices)
 
+    def _explain(self, held: Held, claim: PreparedClaim) -> str:
+        return held.explain(node=self._node, namespace=claim.namespace)
+
     def _write_spec(self, claim: PreparedClaim) -> bool:
         """Writes the CDI spec; returns whether the claim's devices are all there.
 
@@ -256,6 +274,20 @@ class DevicePlugin:
             return False
         self._folders.cdi.write(claim.uid, spec)
         return True
+
+    def _number(self, claim: PreparedClaim) -> PreparedClaim:
+        """Returns the claim with the numbers that its device files have now, or had when they were seen last."""
+        recorded_claim = self._ledger.claims.get(claim.uid, claim)
+        former_numbers = {device.device: device.numbers for device in recorded_claim.devices}
+        devices = []
+        for device in claim.devices:
+            current = self._devices.get(device.device)
+            files = self._files(device.device) if current is not None and current.present else []
+            numbers = tuple(file.number for file in files if file.number)
+            devices.append(
+                msgspec.structs.replace(device, numbers=numbers or former_numbers.get(device.device, device.numbers))
+            )
+        return claim if tuple(devices) == claim.devices else msgspec.structs.replace(claim, devices=tuple(devices))
 
     def _files(self, device_id: str) -> list[DeviceFile]:
         device = self._devices.get(device_id)
