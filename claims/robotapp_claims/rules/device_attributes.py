@@ -138,7 +138,7 @@ def list_held(claim: ResourceClaim) -> tuple[Claim, ...]:
             status=ClaimStatus(node=result.pool, pod=pod),
         )
         for result in claim.status.allocation.devices.results
-        if result.driver == DRIVER
+        if result.driver == DRIVER and not result.admin_access
     )
 
 
