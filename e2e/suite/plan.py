@@ -245,6 +245,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "tests/support/virtual_time.py": ("e2e/tests/campaigns/",),
     "tests/support/work_unit.py": (
         "tests/live/attacks/",
+        "tests/live/chart/",
         "tests/live/nodes/",
         "tests/live/operating/",
         "tests/live/reference/",

@@ -62,6 +62,8 @@ class Row(msgspec.Struct, rename="camel"):
     """The record is gone, and the scheduler has decided again to answer."""
     suspended: bool = False
     """It has no pod because it shall have none: `suspend` of the app, or `replicas: 0`."""
+    ended: bool = False
+    """It has no pod because its instance has ended with its jobs."""
 
 
 class InstanceView(msgspec.Struct, rename="camel"):
@@ -140,7 +142,8 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
             rows.append(row)
         if name not in own:
             reasons = [messages.get(name) or _why_none(app, instance)]
-            rows.append(Row(name, reasons=reasons, suspended=name in suspended))
+            has_ended = "completionTime" in instance.observed
+            rows.append(Row(name, reasons=reasons, suspended=name in suspended, ended=has_ended))
     edges = with_percentiles(app, instance.edges)
     edges = [edge for edge in edges if question.component in (None, edge["from"], edge["to"])]
     return InstanceView(instance.name, instance.domain, rows, with_what_is_known(edges, records))
@@ -251,6 +254,13 @@ def _missing(views: list[InstanceView]) -> list[str]:
     ]
 
 
+def _describe_place(row: Row) -> str:
+    """Returns why a component is on no node."""
+    if row.ended:
+        return "ended"
+    return "suspended" if row.suspended else "waiting"
+
+
 def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
     title = [f"{meta(app)['namespace']}/{meta(app)['name']}"]
     title += [f"robot {view.robot}"] if view.robot else []
@@ -260,7 +270,7 @@ def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
     columns = [Column("COMPONENT"), Column("NODE"), Column("RUNNER-UP"), Column("NODES REFUSED", wraps=True)]
     reasons = name_repeated([row.component for row in shown], ["\n".join(row.reasons) for row in shown])
     rows = [
-        [row.component, row.node or ("suspended" if row.suspended else "waiting"), row.runner_up, text]
+        [row.component, row.node or _describe_place(row), row.runner_up, text]
         for row, text in zip(shown, reasons, strict=True)
     ]
     if wide:

@@ -38,6 +38,7 @@ _OF_A_COMPONENT: Final = frozenset(
         "dependsOn",
         "replicas",
         "replicaIdentity",
+        "job",
         "onDisconnect",
     }
 )

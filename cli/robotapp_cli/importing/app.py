@@ -14,6 +14,7 @@ from robotapp_cli.importing.report import ComposeError, Report
 from robotapp_cli.importing.services.component import draft_component, report_silent
 from robotapp_cli.importing.services.draft import Context, Draft, Json, make_label, make_unique
 from robotapp_cli.importing.services.extension import extend_component, extend_spec
+from robotapp_cli.importing.services.operation import list_ending_services, make_job
 from robotapp_cli.importing.services.storage import report_grants, report_volumes
 from robotapp_cli.lint.findings import shown
 from robotapp_cli.lint.marks import DISTRO_MARK
@@ -50,6 +51,10 @@ def import_compose(request: ImportRequest, read_file: ReadFile) -> ImportResult:
     context = Context(app, project, loader, report)
     _name_components(context)
     drafts = [draft_component(context, name, project.services[name]) for name in context.components]
+    ending = list_ending_services(context)
+    for name, draft in zip(context.components, drafts, strict=True):
+        if name in ending:
+            make_job(draft)
     spec = _decide_ros(context, drafts)
     _drop_host_names(context, drafts, spec)
     spec["components"] = [extend_component(draft) for draft in drafts]

@@ -1,33 +1,23 @@
 """The CEL rules of a schema, evaluated as the API server does it: on the object with its defaults, each rule at every object
-it stands at, with the server's extra functions.
+it stands at.
 """
 
 import copy
-import json
-import re
-import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from types import ModuleType
 from typing import Any, Final
 
+from robotapp_api.values.cel import EvaluationError, ExpressionError, Program, compile_expression
 from robotapp_cli.lint.findings import Path, steps
-
-sys.modules.setdefault("cel.cli", ModuleType("cel.cli"))  # the library's own command line costs 0.3 s, and is not used
-import cel  # noqa: E402
 
 Schema = dict[str, Any]
 RULES: Final = "x-kubernetes-validations"
+VARIABLES: Final = frozenset({"self", "oldSelf"})
+MOST_ROUNDS: Final = 10_000_000
+"""Rounds of macros in one rule. The API server bounds the cost of our rules when it takes the definition."""
 _MISSING: Final[Any] = object()
-
-_FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
-    "setsContains": lambda whole, part: all(item in whole for item in part),
-    "isSorted": lambda items: list(items) == sorted(items),
-    "split": lambda text, separator, limit=0: text.split(separator, limit - 1),
-    "format": lambda template, values: template % tuple(_shown(value) for value in values),
-}
 
 
 @dataclass(frozen=True)
@@ -103,7 +93,7 @@ def _broken(schema: Schema, new: Any, old: Any, *, path: Path, hidden: Collectio
 def _refusal(rule: dict[str, str], new: Any, old: Any, path: Path) -> Broken:
     text = rule["message"]
     if "messageExpression" in rule:
-        with suppress(TypeError, ValueError, RuntimeError):  # the server takes the message then
+        with suppress(ExpressionError, EvaluationError):  # the server takes the message then
             text = _evaluate(rule["messageExpression"], new, old)
     return Broken(rule["message"], text, (*path, *steps(rule.get("fieldPath", ""))), rule.get("reason", ""))
 
@@ -120,20 +110,16 @@ def _has_rules(schema: Schema) -> bool:
 def _holds(rule: str, new: Any, old: Any) -> bool:
     """A rule that cannot be evaluated refuses, as on the server."""
     try:
-        return bool(_evaluate(rule, new, old))
-    except (TypeError, ValueError, RuntimeError):
+        return _evaluate(rule, new, old) is True
+    except (ExpressionError, EvaluationError):
         return False
 
 
 def _evaluate(expression: str, new: Any, old: Any) -> Any:
-    context = cel.Context({"self": new} | ({} if old is _MISSING else {"oldSelf": old}), _FUNCTIONS)
-    return _compiled(expression).execute(context)
+    variables = {"self": new} | ({} if old is _MISSING else {"oldSelf": old})
+    return _compile(expression).evaluate(variables, MOST_ROUNDS)
 
 
 @lru_cache(maxsize=512)
-def _compiled(expression: str) -> cel.Program:
-    return cel.compile(re.sub(r"\bsets\.contains\(", "setsContains(", expression))
-
-
-def _shown(value: Any) -> Any:
-    return json.dumps(value) if isinstance(value, list) else value
+def _compile(expression: str) -> Program:
+    return compile_expression(expression, VARIABLES)

@@ -43,6 +43,7 @@ _BY_PATTERN: Final = {
 }
 _BY_FIELD: Final = {
     "distro": "a ROS distribution in lower case, such as jazzy, or none",
+    "values": "text without control characters and $, such as 0.5",
     "package": "the name of a ROS package, such as nav2_bringup",
     "executable": "the name of an executable of the package, such as talker",
     "namespace": "letters, digits, _ and /, such as /front or /$(ROBOTAPP_ROBOT)",

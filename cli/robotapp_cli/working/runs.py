@@ -51,13 +51,19 @@ async def show_runs(session: Session, name: str) -> None:
         return
     print_table(
         ["RUN", Column("VALUES", wraps=True), "PHASE", "DURATION", "EXIT"],
-        [[*list_cells(run)] for run in runs],
+        [[*list_cells(run, list_parameters(app))] for run in runs],
     )
 
 
-def list_cells(run: Run) -> Sequence[str]:
-    """Returns the cells of a run's row."""
-    values = " ".join(f"{name}={value}" for name, value in run.values.items())
+def list_parameters(app: Json) -> Sequence[str]:
+    """Returns the names of the parameters of the app's matrix in their order; an object has its values in that of the alphabet."""
+    return [parameter["name"] for parameter in (app["spec"].get("matrix") or {}).get("parameters") or ()]
+
+
+def list_cells(run: Run, parameters: Sequence[str]) -> Sequence[str]:
+    """Returns the cells of a run's row. parameters: in the order in which they are shown."""
+    names = dict.fromkeys([*parameters, *run.values])
+    values = " ".join(f"{name}={run.values[name]}" for name in names if name in run.values)
     seconds = run.seconds()
     codes = run.exit_codes
     exit_text = ", ".join(

@@ -98,7 +98,8 @@ def draw_limit(choices: Choices, scene: Scene) -> None:
     """Claims for about as many devices as an allocation may have, alone, together, all, or as one of several alternatives."""
     add_classes(scene)
     for node in scene.names():
-        amount = choices.pick((MOST_DEVICES, MOST_DEVICES + 2, 20))
+        # With 20 devices kube-scheduler tries all combinations for 10 s, and fails the pod with an error.
+        amount = choices.pick((MOST_DEVICES, MOST_DEVICES + 2, 6))
         _add_slice(scene, f"{node}-gpu", [_make_device(f"gpu{index:02}") for index in range(amount)], pool=node, nodeName=node)  # fmt: skip
     counts = choices.pick(((MOST_DEVICES,), (MOST_DEVICES + 1,), (30, 2), (30, 3), (2, 30)))
     requests = []

@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
+from math import isqrt
 from typing import Any, Final
 
 from campaigns.common import options
@@ -91,8 +92,8 @@ class Killer(threading.Thread):
 
 
 def matrix(instances: int, parallelism: int) -> Json:
-    """A matrix of two parameters with so many combinations, or a few less."""
-    seeds = max(1, round(instances**0.5))
+    """A matrix of two parameters with so many combinations."""
+    seeds = max(count for count in range(1, isqrt(instances) + 1) if instances % count == 0)
     counts = {"speed": instances // seeds, "seed": seeds}
     parameters = [{"name": name, "values": [f"{value}" for value in range(count)]} for name, count in counts.items()]
     return {"parameters": parameters, "parallelism": parallelism}

@@ -31,6 +31,7 @@ PLACEMENT_HEADS: Final = [
     "nodes",
     "not kept",
 ]
+DECISION_HEADS: Final = ["application", "component", "what refused nodes, and why the chosen one comes before the next"]
 TRIAL_HEADS: Final = ["application", "fault", "scheduler", "nodes", "figures of the application", "promise"]
 PROFILE_HEADS: Final = ["application", "thesis: inferred", "thesis: expected", "ours: inferred", "ours: expected"]
 
@@ -196,15 +197,15 @@ def format_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[st
 
 def _list_decisions(report: Report) -> list[str]:
     """Returns our scheduler's records of the components that had a choice, of each application's first repetition."""
-    lines = []
+    rows: Rows = []
     for app in APPS:
         ours = [p for p in report.placements if (p.app, p.scheduler, p.repetition) == (app, SCHEDULERS[0].name, 0)]
         for component, decisions in ours[0].decisions.items() if ours else ():
             if any(" before " in decision for decision in decisions):
-                lines.append(f"- {app}, {component}: {'. '.join(decisions)}")
+                rows.append([app, component, ". ".join(decisions)])
     return [
         "",
         "What decided, by the scheduler's own records (`explain`), where more than one node was feasible:",
         "",
-        *lines,
+        *format_table(DECISION_HEADS, rows),
     ]

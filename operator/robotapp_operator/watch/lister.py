@@ -534,7 +534,8 @@ class ComponentSources(NamedTuple):
 
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
     """Yields the view of each component in the order of the spec."""
-    cache, turn = sources.cache, describe_turn(app, robot, sources.cache)
+    cache, ending = sources.cache, sources.progress.ending
+    turn = describe_turn(app, robot, cache)
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)
@@ -553,7 +554,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
                 barred=sources.barred,
                 failures=cache.pod_failures,
                 wait=wait,
-                ending=sources.progress.ending,
+                ending=ending,
             )
             continue
         yield component_view(
@@ -564,7 +565,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
             lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
             barred=sources.barred,
             failures=cache.pod_failures,
-            wait=wait,
+            wait=wait if ending is None else f"ended with its instance ({ending.reason})",
         )
 
 

@@ -191,7 +191,7 @@ def test_a_binding_cannot_make_a_pod_a_member(tenant: Chart) -> None:
 
 def test_only_the_replicaset_controller_creates_members(tenant: Chart) -> None:
     text = refusal(tenant, "create", TENANT, "-f", "-", stdin=pod("fake-member", labels=MEMBER))
-    assert "created by the ReplicaSet of a RobotApp only" in text
+    assert "created by the ReplicaSet or Job of a RobotApp only" in text
     create(tenant, pod("member", labels=MEMBER), REPLICASETS)
 
 

@@ -1,4 +1,4 @@
-"""Images of the reference applications: whoever builds one, and when, gets the same bytes. Two a day, all of them with ROBOTAPP_SAMPLES=all."""
+"""Images of the reference applications: whoever builds one, and when, gets the same bytes. Two of them, others every day; all with ROBOTAPP_SAMPLES=all."""
 
 import hashlib
 import logging

@@ -2,10 +2,11 @@
 
 from typing import Any, NamedTuple
 
-import cel
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robotapp_api.values.cel import compile_expression
+from robotapp_api.values.cel.values import DefaultMap
 from robotapp_claims.rules.device import fits_kind
 from robotapp_claims.rules.device_attributes import (
     DRIVER,
@@ -62,7 +63,8 @@ devices = st.builds(
 def selects(expression: str, attributes: Attributes, *, driver: str = DRIVER) -> Any:
     """Evaluates the selector as the scheduler does, for a device with these attributes."""
     values = {key: next(iter(value.values())) for key, value in attributes.items()}
-    return cel.evaluate(expression, {"device": {"driver": driver, "attributes": {DRIVER: values}}})
+    device = {"driver": driver, "attributes": DefaultMap({DRIVER: values})}
+    return compile_expression(expression, frozenset({"device"})).evaluate({"device": device})
 
 
 @given(wishes, devices)

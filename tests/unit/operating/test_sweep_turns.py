@@ -3,9 +3,13 @@
 from typing import Any
 
 import msgspec
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for
 from tests.support.factories import UID, app_body, component
+from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledServer
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_client.api.resources import JOBS, ROBOTAPPS
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Job
 from robotapp_operator.watch.cache import Cache
@@ -70,3 +74,51 @@ def test_an_app_without_a_matrix_waits_for_nobody() -> None:
     record = cache.update_app(app_body())
     assert record.app is not None
     assert describe_turn(record.app, "", cache) == ""
+
+
+async def mirror_jobs(world: ReconciledServer) -> list[Job]:
+    """Puts children, claims and Jobs into the cache, as the informers do, and returns the Jobs."""
+    await world.mirror()
+    jobs = (await world.client.list(JOBS, as_type=Job)).items
+    for job in jobs:
+        world.cache.jobs.put(job.metadata.labels[Label.APP_UID], job.metadata.name, job)
+    return jobs
+
+
+async def complete(world: ReconciledServer, job: Job) -> None:
+    """Has a Job end as its controller would."""
+    ended = {"type": "Complete", "status": "True", "lastTransitionTime": "2026-01-01T00:00:00Z"}
+    await world.client.patch(JOBS, job.metadata.name, {"status": {"conditions": [ended]}}, namespace="default")
+
+
+async def test_a_sweep_runs_whole_a_few_instances_at_a_time_and_an_operator_without_memory_goes_on_with_it() -> None:
+    async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
+        world = ReconciledServer(api, client)
+        await world.pool()
+        matrix = {"parameters": [{"name": "seed", "values": [str(number) for number in range(7)]}], "parallelism": 3}
+        uid = await world.app(components=[component("sim", job={})], matrix=matrix)
+        record = world.cache.apps[uid]
+        assert record.app is not None
+        rounds = 0
+        while len([job for job in await mirror_jobs(world) if job.verdict]) < 7:
+            rounds += 1
+            for instance in record.app.sweep:
+                assert await world.children.reconcile(uid, instance)
+            jobs = await mirror_jobs(world)
+            running = [job for job in jobs if job.verdict is None]
+            assert 1 <= len(running) <= 3
+            domains = {
+                claim["spec"]["holder"]["instance"]: claim["spec"]["domain"]["id"] for claim in await world.claims()
+            }
+            own = {domains[job.metadata.labels[Label.INSTANCE]] for job in running}
+            assert len(own) == len(running), "each in a domain of its own"
+            await complete(world, running[-1])
+            if rounds == 4:  # killed: its successor has only what the API server has
+                world = ReconciledServer(api, client)
+                (body,) = (await client.list(ROBOTAPPS)).items
+                world.cache.update_app(body)
+        assert rounds == 7
+        uids = {job.metadata.uid for job in await mirror_jobs(world)}
+        for instance in record.app.sweep:
+            assert await world.children.reconcile(uid, instance)
+        assert {job.metadata.uid for job in await mirror_jobs(world)} == uids, "what has ended is not run again"

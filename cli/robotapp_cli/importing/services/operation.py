@@ -8,8 +8,17 @@ from typing import Final
 from robotapp_api.values.label_key import key_problem
 from robotapp_cli.importing.files.parts import Part
 from robotapp_cli.importing.services.devices import take_device_reservation
-from robotapp_cli.importing.services.draft import Draft, Json, format_bytes, read_bytes, read_seconds, report_fields
+from robotapp_cli.importing.services.draft import (
+    Context,
+    Draft,
+    Json,
+    format_bytes,
+    read_bytes,
+    read_seconds,
+    report_fields,
+)
 
+_COMPLETED: Final = "service_completed_successfully"
 _LABEL_VALUE: Final = re.compile(r"(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?")
 _MOST_LABELS: Final = 32
 _MOST_REPLICAS: Final = 32
@@ -28,9 +37,9 @@ _DEPLOY: Final = {
 
 
 def take_depends_on(draft: Draft, part: Part) -> None:
-    """Takes the order of start; a component waits until another one is ready."""
-    components = draft.context.components
-    names: list[str] = []
+    """Takes the order of start; a component waits until another one is ready, or complete where its program ends."""
+    components, ending = draft.context.components, list_ending_services(draft.context)
+    statuses: dict[str, Json] = {}
     for name, item in _list_dependencies(part):
         condition = item.get("condition") if item.fields is not None else None
         text = condition.as_text() if condition else "service_started"
@@ -40,11 +49,14 @@ def take_depends_on(draft: Draft, part: Part) -> None:
                 draft.report.omit(item, f"{name} is no service that is imported")
             else:
                 draft.report.omit(item, f"{name} is no component of the app")
-        elif text == "service_completed_successfully":
-            cure = "components do not end; write what it does as an initContainer, under template.spec"
-            draft.report.omit(place, cure)
+        elif name in ending:
+            statuses[components[name]] = {"status": "Complete"}
+            if text == _COMPLETED:
+                draft.report.take(place, f"dependsOn {components[name]} with status: Complete")
+            else:
+                draft.report.change(place, f"dependsOn {components[name]}, when it is Complete: a job is never ready")
         else:
-            names.append(components[name])
+            statuses[components[name]] = {}
             if text == "service_healthy":
                 draft.report.take(place, f"dependsOn {components[name]}, when its readinessProbe succeeds")
             else:
@@ -52,8 +64,31 @@ def take_depends_on(draft: Draft, part: Part) -> None:
         reasons = {"restart": "a component is not restarted with another one"}
         reasons["required"] = "components that are not there are not waited for"
         report_fields(draft, item, frozenset({"condition"}), reasons)
-    if names:
-        draft.fields["dependsOn"] = [{"component": name} for name in dict.fromkeys(names)]
+    if statuses:
+        draft.fields["dependsOn"] = [{"component": name, **status} for name, status in statuses.items()]
+
+
+def list_ending_services(context: Context) -> frozenset[str]:
+    """Returns the services that others wait to complete: their programs end."""
+    parts = (service.get("depends_on") for service in context.project.services.values())
+    return frozenset(
+        name
+        for part in parts
+        if part is not None and part.fields is not None
+        for name, item in part.fields.items()
+        if item.fields is not None
+        and (condition := item.get("condition")) is not None
+        and condition.scalar == _COMPLETED
+    )
+
+
+def make_job(draft: Draft) -> None:
+    """Makes the component one that ends."""
+    draft.fields["job"] = {}
+    draft.report.change(draft.service, "job: {}, because another service waits until it has completed")
+    if draft.fields.get("replicas", 1) > 1:
+        draft.fields["replicas"] = 1
+        draft.report.change(draft.service, "replicas: 1, because a job runs once")
 
 
 def _list_dependencies(part: Part) -> list[tuple[str, Part]]:

@@ -219,7 +219,7 @@ def take_restart(draft: Draft, part: Part) -> None:
     elif text.startswith("on-failure"):
         draft.report.change(part, "components are restarted whenever they end, also with exit code 0")
     else:
-        draft.report.omit(part, "components are restarted whenever they end; a program that ends is a Job of its own")
+        draft.report.omit(part, "components are restarted whenever they end; write job: {} for a program that ends")
 
 
 def take_stop_signal(draft: Draft, part: Part) -> None:

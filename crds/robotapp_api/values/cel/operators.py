@@ -1,5 +1,6 @@
 """Operators of CEL as closures."""
 
+import math
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -44,9 +45,14 @@ def get_map_key(value: Any) -> Any:
     """A value as key of a map; 2.0 and uint 2 find the entry of 2."""
     if isinstance(value, bool | str):
         return value
-    if isinstance(value, int | float) and value == int(value):
+    if isinstance(value, int | float) and is_whole(value):
         return int(value)
     raise EvaluationError("unsupported key type")
+
+
+def is_whole(value: float) -> bool:
+    """Returns whether a number has no fraction; infinity and NaN are no whole numbers."""
+    return math.isfinite(value) and value == int(value)
 
 
 def _look_up(operand: Any, key: Any) -> Any:
@@ -77,7 +83,7 @@ def _find(operand: Any, key: Any) -> Any:
             return operand[key]
         return operand.get(key, _MISSING)
     if isinstance(operand, list) and isinstance(key, int | float) and not isinstance(key, bool):
-        if key != int(key):
+        if not is_whole(key):
             raise EvaluationError(f"unsupported index value: {key}")
         return operand[int(key)] if 0 <= key < len(operand) else _MISSING
     return _MISSING

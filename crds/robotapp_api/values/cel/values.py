@@ -43,6 +43,12 @@ class DefaultMap(dict[Any, Any]):
         return {}
 
 
+class Duration(NamedTuple):
+    """A length of time."""
+
+    nanoseconds: int
+
+
 class Quantity(NamedTuple):
     """A Kubernetes quantity in billionths, which is as exact as the API server is."""
 
@@ -143,7 +149,7 @@ def equal(first: Any, second: Any) -> bool:
 def compare(first: Any, second: Any) -> int:
     """-1, 0 or 1. Raises EvaluationError for values that have no order."""
     has_order = (is_number(first) and is_number(second)) or (
-        type(first) is type(second) and isinstance(first, str | bytes | bool)
+        type(first) is type(second) and isinstance(first, str | bytes | bool | Duration)
     )
     if not has_order:
         raise make_overload_error(first, second)
@@ -168,6 +174,7 @@ _TYPE_NAMES: Final[tuple[tuple[type, str], ...]] = (
     (type(None), "null_type"),
     (TypeValue, "type"),
     (Optional, "optional_type"),
+    (Duration, "google.protobuf.Duration"),
     (Quantity, "kubernetes.Quantity"),
     (Semver, "kubernetes.Semver"),
     (dict, "map"),

@@ -70,7 +70,9 @@ def _ended(facts: AppFacts) -> Verdict:
     if not failed:
         last = max(ending.time for _, ending in endings)
         return Verdict(
-            "False", Reason.COMPLETED, f"{count_of(len(endings), len(endings), 'instance')} completed at {last}"
+            "False",
+            Reason.COMPLETED,
+            f"{count_of(len(endings), len(endings), 'instance', 'has', 'have')} completed at {last}",
         )
     instance, ending = failed[0]
     text = _named(facts, instance, explain_ending(instance, ending))
@@ -395,10 +397,10 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
     """Why the instance that needs attention most is not ready."""
     waiting = [instance for instance in facts.instances if not instance.ready]
     waiting = [one for one in waiting if one.ending is None or not one.ending.is_success]
-    readiness = f"{count_of(up, total, 'component')} ready"
+    readiness = _describe_sweep(facts) or f"{count_of(up, total, 'component')} ready"
     if not waiting:
         return Reason.COMPONENTS_NOT_READY, f"{readiness}; no instance yet"
-    instance = min(waiting, key=rank_of)
+    instance = min((one for one in waiting if one in facts.begun), key=rank_of, default=waiting[0])
     if missing := what_is_missing(instance):
         return missing[0], _named(facts, instance, missing[1])
     worst = instance.worst
@@ -414,6 +416,16 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
         worst.reason or Reason.COMPONENTS_NOT_READY,
         f"{readiness}; {_named(facts, instance, f'{worst.name}: {text}')}",
     )
+
+
+def _describe_sweep(facts: AppFacts) -> str:
+    """Returns how far a sweep is, "" for another app and for one instance."""
+    if facts.app.spec.matrix is None or facts.alone:
+        return ""
+    ended = sum(instance.ending is not None for instance in facts.instances)
+    waiting = sum(not instance.has_begun for instance in facts.instances)
+    text = f"{ended} of {len(facts.instances)} instances have ended"
+    return f"{text}, {waiting} still to begin" if waiting else text
 
 
 def _not_accepted(facts: AppFacts) -> Verdict:

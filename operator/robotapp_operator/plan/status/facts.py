@@ -141,6 +141,11 @@ class InstanceFacts:
         return Reason.INVALID_SPEC if self.instance.node else Reason.ROBOT_NODE_UNCLEAR
 
     @property
+    def has_begun(self) -> bool:
+        """Is there anything of it, or a reason why there is not?"""
+        return self.exists or self.ending is not None or self.refusal is not None or self.trouble is not None
+
+    @property
     def exists(self) -> bool:
         """Has any component been created?"""
         return any(component.exists for component in self.components)
@@ -175,6 +180,13 @@ class AppFacts:
     def refused(self) -> bool:
         """Is the spec itself wrong, whatever nodes and pools there are?"""
         return any(not problem.of_cluster for problem in self.problems)
+
+    @property
+    def begun(self) -> tuple[InstanceFacts, ...]:
+        """The instances without those of a sweep that wait for their turn; all of them where none has begun."""
+        if self.app.spec.matrix is None:
+            return self.instances
+        return tuple(instance for instance in self.instances if instance.has_begun) or self.instances
 
     @property
     def generation(self) -> int:

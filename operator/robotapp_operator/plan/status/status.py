@@ -87,7 +87,7 @@ def phase(facts: AppFacts) -> Phase:
         succeeded = all(instance.ending and instance.ending.is_success for instance in facts.instances)
         return Phase.COMPLETED if succeeded else Phase.FAILED
     order = (Phase.DEGRADED, Phase.PENDING, Phase.PLACING, Phase.RUNNING)
-    found = {instance_phase(instance, str(facts.previous.get("phase", ""))) for instance in facts.instances}
+    found = {instance_phase(instance, str(facts.previous.get("phase", ""))) for instance in facts.begun}
     found -= {Phase.COMPLETED}  # the others decide
     if Phase.FAILED in found:
         return Phase.DEGRADED

@@ -94,4 +94,4 @@ def test_the_kubelet_and_the_admin_publish_a_nodes_own_pool(attackers: Attackers
     for who, api in {"kubelet": attackers.apis["kubelet"], "admin": attackers.admin}.items():
         body["metadata"] = {**honest["metadata"], "name": f"honest-{who}"}
         api.create(RESOURCE_SLICE.path(""), body)
-        api.delete(RESOURCE_SLICE.path("", f"honest-{who}"))
+        attackers.admin.delete(RESOURCE_SLICE.path("", f"honest-{who}"))

@@ -38,7 +38,7 @@ class Stop(Enum):
     PROPOSAL = ("policy `robotapp-grants-pods`", r"is the robotapp scheduler's proposal")
     MEMBER = (
         "policy `robotapp-membership`",
-        r"created by the ReplicaSet of a RobotApp only|of a RobotApp pod never changes",
+        r"created by the ReplicaSet or Job of a RobotApp only|of a RobotApp pod never changes",
     )
     INSTANCE = (
         "policy `robotapp-instances`",

@@ -381,6 +381,7 @@ RIGHTS: Final = (
     _role("role-claims", "a role that may make claims", "robotics.io", "robotclaims", "create"),
     _role("role-instances", "a role that may write instances", "robotics.io", "robotappinstances/status", "patch"),
     _role("role-pod-status", "a role that may write the status of pods", "", "pods/status", "patch"),
+    _role("role-jobs", "a role that counts as the Job controller", "batch", "jobs/status", "update"),
     _role(
         "role-replicasets", "a role that counts as the ReplicaSet controller", "apps", "replicasets/status", "update"
     ),

@@ -53,6 +53,12 @@ PODS: Final = (
         Stop.MEMBER,
     ),
     _pod(
+        "member-owner-job",
+        "a pod with an app-uid and an owner reference to a Job",
+        {_UID: _VICTIM, "metadata.ownerReferences": _owner("Job", "batch/v1")},
+        Stop.MEMBER,
+    ),
+    _pod(
         "member-claim",
         "a pod with an app-uid and the name of a claim",
         {_UID: _VICTIM, _CLAIM_NOTE: "dds.default.c.7"},

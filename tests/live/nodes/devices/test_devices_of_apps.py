@@ -199,8 +199,15 @@ def claims_of(cluster: RealNodes, namespace: str, app: str) -> list[Json]:
 
 def place_with_arm(cluster: RealNodes, namespace: str, app: str) -> tuple[Json, Json]:
     """Binds the app's pod with its claim for the arm, as a scheduler would that has not seen who has it. Returns both."""
-    assert wait_until(
-        lambda: pods_of(cluster, namespace, app) and claims_of(cluster, namespace, app), timeout_s=WAITED_S
+
+    def may_be_bound() -> bool:
+        pods = pods_of(cluster, namespace, app)
+        return (
+            len(pods) == 1 and not pods[0]["spec"].get("schedulingGates") and bool(claims_of(cluster, namespace, app))
+        )
+
+    assert wait_until(may_be_bound, timeout_s=WAITED_S), cluster.kubectl(
+        "get", "robotapp,deployment,pod,resourceclaim", "-n", namespace, "-o", "yaml"
     )
     (pod,), (claim,) = pods_of(cluster, namespace, app), claims_of(cluster, namespace, app)
     owner = claim["metadata"]["ownerReferences"][0]
@@ -229,8 +236,7 @@ def test_a_pod_that_cannot_have_its_device_for_long_is_replaced_with_its_claim(
     apply(cluster, namespace, robotapp("first", wish))
     holder = wait_running(cluster, namespace, "first")
     other = robotapp("second", wish)
-    # Without ROS 2 there is no domain to wait for.
-    other["spec"] |= {"schedulerName": "nobody", "ros": {"distro": "noetic"}}
+    other["spec"]["schedulerName"] = "nobody"
     apply(cluster, namespace, other)
 
     pod, claim = place_with_arm(cluster, namespace, "second")

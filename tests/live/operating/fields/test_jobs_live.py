@@ -6,10 +6,15 @@ from typing import Any
 
 import pytest
 
+from campaigns.operating.sweep import Report, count_live_pods
 from campaigns.rigs.live import Tenant, eventually, part
+from campaigns.storm.recorder import Recorder
 from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines.nodes import Device, edge
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
+from robotapp_testbed.machines.topology import Topology, apply, remove
 from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.usefixtures("operator")
@@ -155,3 +160,54 @@ def test_a_suspended_app_suspends_its_jobs_and_goes_on_with_them(unplaced: Tenan
     unplaced.edit("work", suspend=False)
     eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
     assert [each["metadata"]["uid"] for each in unplaced.listed("batch/jobs")] == [job["metadata"]["uid"]]
+
+
+def test_a_job_that_is_edited_while_it_runs_never_has_two_pods_and_ends_once(
+    runs: Tenant, ids: str, operator: Process, installed_plane: ControlPlane
+) -> None:
+    """Pods of this instance wait for a node without which none ends; every edit finds one that has not ended."""
+    waiting = {"template": {"spec": {"nodeSelector": {"example.com/free": "true"}}}, "job": {}}
+    runs.apply("edited", part("save", **waiting), ros2={"pool": ids})
+    with Recorder(installed_plane) as recorder:
+        eventually(lambda: recorder.passed.get("Pod", 0))
+        for number in range(3):
+            eventually(lambda: runs.listed("pods"), what=runs.children)
+            before = {job["metadata"]["uid"] for job in runs.listed("batch/jobs")}
+            if number == 1:
+                operator.kill()
+            runs.edit("edited", components=[part("save", **{**waiting, "image": f"reg/save:{number + 2}"})])
+            if number == 1:
+                operator.restart()
+            eventually(
+                lambda before=before: (
+                    {job["metadata"]["uid"] for job in runs.listed("batch/jobs")}.isdisjoint(before)
+                    and runs.listed("batch/jobs")
+                ),
+                what=lambda: runs.listed("batch/jobs"),
+            )
+        runs.edit("edited", components=[part("save", job={}, image="reg/save:9")])
+        wait_phase(runs, "edited", "Completed")
+        events = recorder.ripe(all_of_them=True)
+    report = Report(1, 1)
+    mine = [event for event in events if event.obj["metadata"].get("namespace") == runs.namespace]
+    count_live_pods(mine, report, app="edited")
+    assert report.problems == []
+    assert report.pods == 1
+    eventually(lambda: not domains_of(runs), what=runs.claims)
+
+
+def test_a_job_has_its_device_for_itself_and_gives_it_back_when_it_has_ended(
+    runs: Tenant, ids: str, installed_plane: ControlPlane
+) -> None:
+    machines = Topology([edge("bus-of-jobs", devices=[Device(id="can-can0", type="can", interface="can0")])])
+    apply(installed_plane, machines)
+    try:
+        with SimulatedTelemetry(installed_plane, machines):
+            device = {"name": "bus", "type": "can"}
+            runs.apply("calibrate", part("calibrate", job={}, devices=[device]), ros2={"pool": ids})
+            wait_phase(runs, "calibrate", "Completed")
+            (pod,) = runs.listed("pods")
+            assert pod["spec"]["nodeName"] == "bus-of-jobs"
+            eventually(lambda: not runs.claims(), what=runs.claims)
+    finally:
+        remove(installed_plane, machines)

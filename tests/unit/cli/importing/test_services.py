@@ -274,11 +274,15 @@ def test_order_of_start_and_health() -> None:
         "timeoutSeconds": 1,
         "failureThreshold": 2,
     }
-    assert get_component(result, "nav")["dependsOn"] == [{"component": "base"}]
+    assert get_component(result, "nav")["dependsOn"] == [
+        {"component": "base"},
+        {"component": "once", "status": "Complete"},
+    ]
+    assert get_component(result, "once")["job"] == {}
     assert get_component(result, "ui")["dependsOn"] == [{"component": "nav"}]
     assert "readinessProbe" not in get_component(result, "ui")
-    assert "Job" in find_lines(result, "services.once.restart")[0][1]
-    assert get_verdict(result, "services.nav.depends_on.once.condition") is Verdict.LEFT_OUT
+    assert "job: {}" in find_lines(result, "services.once.restart")[0][1]
+    assert get_verdict(result, "services.nav.depends_on.once.condition") is Verdict.TAKEN
 
 
 def test_resources_and_gpus() -> None:

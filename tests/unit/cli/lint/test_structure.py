@@ -31,6 +31,7 @@ DURATIONS = (
     "spec.placement.reschedule.cooldown",
     "spec.connectivity.grace",
     "spec.recordings[].split.duration",
+    "spec.completion.deadline",
 )
 GONE = {path: value for path, value in GONE_FIELDS["RobotApp"].items() if not path.startswith("status.")}
 

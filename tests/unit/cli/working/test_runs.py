@@ -12,6 +12,7 @@ DIGEST = "registry.example/sim@sha256:0123456789abcdef"
 
 def sweep() -> Json:
     app = robotapp()
+    app["spec"]["matrix"] = {"parameters": [{"name": name, "values": ["1"]} for name in ("speed", "seed")]}
     app["spec"]["components"] = [{"name": "sim", "image": "team/sim:1", "job": {}}]
     return app
 
@@ -19,7 +20,7 @@ def sweep() -> Json:
 def run_object(name: str, phase: str, **values: str) -> Json:
     return {
         "metadata": {"name": f"teleop-{name}", "namespace": "fleet", "labels": {"robotics.io/app-uid": UID}},
-        "spec": {"app": "teleop", "appUID": UID, "instance": name, "matrix": values},
+        "spec": {"app": "teleop", "appUID": UID, "instance": name, "matrix": dict(sorted(values.items()))},
         "status": {"phase": phase, "domain": 7},
     }
 

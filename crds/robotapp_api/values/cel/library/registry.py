@@ -32,6 +32,7 @@ GLOBAL_FUNCTIONS: Final[dict[str, Function]] = {
     "string": (standard.to_string, (1,)),
     "bytes": (standard.to_bytes, (1,)),
     "bool": (standard.to_bool, (1,)),
+    "duration": (standard.to_duration, (1,)),
     "matches": (strings.matches, (2,)),
     "optional.of": (standard.make_present, (1,)),
     "optional.none": (standard.make_absent, (0,)),

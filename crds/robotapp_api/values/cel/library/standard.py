@@ -1,15 +1,29 @@
 """Sizes, conversions and optional values."""
 
+import math
 import re
 from typing import Any
 
 from robotapp_api.values.cel.errors import EvaluationError, make_overload_error
 from robotapp_api.values.cel.operators import check_range
-from robotapp_api.values.cel.values import ABSENT, Optional, Quantity, Semver, Unsigned
+from robotapp_api.values.cel.values import ABSENT, Duration, Optional, Quantity, Semver, Unsigned
+from robotapp_api.values.quantities.duration import parse_go_ns
 
 _INTEGER = re.compile(r"[+-]?[0-9]+", re.ASCII)
 _TRUE = frozenset({"1", "t", "T", "TRUE", "true", "True"})
 _FALSE = frozenset({"0", "f", "F", "FALSE", "false", "False"})
+
+
+def to_duration(value: Any) -> Duration:
+    """Reads a duration from a string such as 1m30s."""
+    if isinstance(value, Duration):
+        return value
+    if not isinstance(value, str):
+        raise make_overload_error(value)
+    try:
+        return Duration(parse_go_ns(value))
+    except ValueError:
+        raise EvaluationError("type conversion error from 'string' to 'google.protobuf.Duration'") from None
 
 
 def get_size(value: Any) -> int:
@@ -83,6 +97,8 @@ def to_string(value: Any) -> str:
 
 def _write_float(value: float) -> str:
     """Writes a double like Go: no point where there is no fraction, exponents from 1e21 on."""
+    if not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "+Inf" if value > 0 else "-Inf"
     if value == int(value) and abs(value) < 1e21:
         return str(int(value))
     return repr(value)

@@ -191,3 +191,10 @@ def test_recordings_end_with_the_jobs() -> None:
     app = app_of(recordings=[{"name": "bag", "topics": {"regex": ".*"}}])
     assert app.completion_rules is not None
     assert app.completion_rules.jobs == {"save"}
+
+
+def test_each_replica_with_an_ordinal_is_a_job_of_its_own() -> None:
+    app = app_of(component("run", job={}, replicas=2, replicaIdentity="Ordinal"))
+    assert [child.component for child in children_of(app) if child.ref.kind == JOB] == ["run-0", "run-1"]
+    assert app.completion_rules is not None
+    assert app.completion_rules.jobs == {"run-0", "run-1"}

@@ -1,0 +1,129 @@
+"""What a user is told of components that end: of each job, and of the app when its instances have ended."""
+
+import dataclasses
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.factories import component, make_app, make_deployment, make_pod
+from tests.unit.plan.status.test_status import UP, condition, instance, message, status_of
+
+from robotapp_api.model.names import Condition, EventReason, Phase, Reason
+from robotapp_claims.rules.instances import Ending
+from robotapp_operator.plan.spec.objects import Job, Pod
+from robotapp_operator.plan.status.components import ComponentView, component_view, job_view
+from robotapp_operator.plan.status.events import events_between
+
+PART = make_app(component("save", job={})).spec.components[0]
+DONE = dataclasses.replace(UP, name="save", is_job=True, completed=True, nodes=())
+AT = "2026-01-01T00:00:30Z"
+COMPLETED = Ending(Reason.COMPLETED, "save", AT)
+FAILED = Ending(Reason.JOB_FAILED, "save", AT)
+BROKEN = dataclasses.replace(
+    DONE, ready=False, completed=False, reason=Reason.JOB_FAILED, message="BackoffLimitExceeded"
+)
+SPEC = {"components": [component("save", job={})]}
+
+
+def job(verdict: str = "", **condition: str) -> Job:
+    conditions = [{"type": verdict, "status": "True", "lastTransitionTime": AT, **condition}] if verdict else []
+    body = {"metadata": {"name": "map-save", "labels": {}}, "spec": {}, "status": {"conditions": conditions}}
+    return msgspec.convert(body, Job)
+
+
+def ended_pod(code: int, *, phase: str = "Failed", words: str = "") -> Pod:
+    state = {"terminated": {"exitCode": code, "reason": "Error", "message": words}}
+    return make_pod(f"p{code}", status={"phase": phase, "containerStatuses": [{"name": "save", "state": state}]})
+
+
+def view(given: Job | None, *pods: Pod, **options: Any) -> ComponentView:
+    return job_view(PART, given, pods, **options)
+
+
+def test_a_job_that_has_completed_is_ready_wants_no_node_and_says_when() -> None:
+    found = view(job("Complete"), ended_pod(0, phase="Succeeded"))
+    assert (found.ready, found.completed, found.bound, found.nodes, found.badness) == (True, True, True, (), 0)
+    assert found.message == f"completed at {AT}"
+
+
+def test_a_job_that_has_failed_shows_its_last_exit_its_log_and_how_it_runs_again() -> None:
+    found = view(
+        job("Failed", reason="BackoffLimitExceeded", message="too many attempts"), ended_pod(3, words="no map")
+    )
+    assert found.reason is Reason.JOB_FAILED
+    assert "BackoffLimitExceeded: too many attempts, last with exit code 3 (Error): no map" in found.message
+    assert "kubectl logs job/map-save" in found.message
+    assert "kubectl delete job map-save" in found.message
+
+
+def test_a_job_that_was_ended_with_its_instance_has_not_failed_by_itself() -> None:
+    found = view(job("Failed", reason="DeadlineExceeded"), ending=COMPLETED)
+    assert (found.reason, found.message) == (None, "ended with its instance (Completed)")
+
+
+def test_a_running_job_is_ready_with_its_pod_and_counts_failed_attempts() -> None:
+    running = make_pod(node="edge-1", status={"conditions": [{"type": "Ready", "status": "True"}]})
+    found = view(job(), running, ended_pod(3))
+    assert (found.ready, found.bound, found.nodes, found.restarts) == (True, True, ("edge-1",), 1)
+    waiting = view(job(), make_pod(node="edge-1"), ended_pod(3))
+    assert (waiting.ready, waiting.message) == (False, "1 of 1 attempts failed, last with exit code 3 (Error)")
+
+
+def test_a_job_that_is_not_made_yet_waits_and_one_that_is_not_needed_any_more_was_not_started() -> None:
+    assert view(None, wait="waits until a is Complete (dependsOn)").message == "waits until a is Complete (dependsOn)"
+    assert view(None, ending=FAILED).message == "was not started, because the instance has ended (JobFailed)"
+
+
+def test_a_program_without_job_that_ends_with_0_is_told_the_cure_at_once() -> None:
+    part = make_app(component("driver")).spec.components[0]
+    found = component_view(part, make_deployment(), [ended_pod(0, phase="Running")])
+    assert found.reason is Reason.PROGRAM_ENDED
+    assert found.message.endswith("write job: {} in it if it is to end")
+
+
+def test_an_app_whose_instances_have_completed_is_completed_with_counts_time_and_event() -> None:
+    running = status_of(instance(dataclasses.replace(DONE, completed=False)), app=SPEC)
+    status = status_of(instance(DONE, ending=COMPLETED, needs_domain=False, domain=None), app=SPEC)
+    assert status["phase"] == Phase.COMPLETED
+    assert (status["instanceCounts"]["completed"], status["instanceCounts"]["failed"]) == (1, 0)
+    assert condition(status, Condition.READY) == ("False", Reason.COMPLETED)
+    assert message(status, Condition.READY) == f"1 of 1 instance has completed at {AT}"
+    assert condition(status, Condition.PLACED) == ("Unknown", Reason.COMPLETED)
+    assert status["summary"]["ready"] == "1/1"
+    assert status["troubled"] == []
+    reasons = [event.reason for event in events_between(running, status, new_domains={})]
+    assert EventReason.COMPLETED in reasons
+
+
+def test_an_app_whose_jobs_have_failed_is_failed_with_the_reason() -> None:
+    status = status_of(instance(BROKEN, ending=FAILED, needs_domain=False, domain=None), app=SPEC)
+    assert status["phase"] == Phase.FAILED
+    assert status["instanceCounts"]["failed"] == 1
+    assert condition(status, Condition.READY) == ("False", Reason.JOB_FAILED)
+    assert message(status, Condition.READY) == "1 of 1 instance has failed; save: BackoffLimitExceeded"
+    assert [each["reason"] for each in status["troubled"]] == [Reason.JOB_FAILED]
+
+
+def test_a_deadline_that_has_passed_names_its_field() -> None:
+    ending = Ending(Reason.DEADLINE_EXCEEDED, time=AT)
+    status = status_of(instance(BROKEN, ending=ending, needs_domain=False, domain=None), app=SPEC)
+    assert "(spec.completion.deadline)" in message(status, Condition.READY)
+
+
+@pytest.mark.parametrize(
+    ("others", "phase"),
+    [
+        ([UP], Phase.RUNNING),
+        ([dataclasses.replace(UP, ready=False)], Phase.PLACING),
+    ],
+)
+def test_while_an_instance_runs_the_completed_ones_do_not_decide(others: list[ComponentView], phase: Phase) -> None:
+    ended = instance(DONE, robot="a", ending=COMPLETED, needs_domain=False, domain=None)
+    status = status_of(ended, instance(*others, robot="b"), app=SPEC)
+    assert status["phase"] == phase
+    assert status["instanceCounts"]["completed"] == 1
+
+
+def test_a_failed_instance_beside_one_that_runs_degrades_the_app() -> None:
+    ended = instance(BROKEN, robot="a", ending=FAILED, needs_domain=False, domain=None)
+    assert status_of(ended, instance(robot="b"), app=SPEC)["phase"] == Phase.DEGRADED
