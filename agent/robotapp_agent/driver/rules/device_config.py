@@ -15,7 +15,8 @@ KIND: Final = "DeviceConfig"
 VARIABLE_PREFIX: Final = "ROBOTAPP_DEVICE_"
 LONGEST_PARAMETERS: Final = 10_240
 """Bytes; the API's own bound of `opaque.parameters`."""
-_VARIABLE: Final = r"^[A-Z_][A-Z0-9_]{0,62}\Z"
+_VARIABLE: Final = r"^[A-Z0-9_]{1,63}\Z"
+"""What follows the prefix: a device may be called 3d-camera."""
 
 
 class DeviceConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
