@@ -21,7 +21,7 @@ from campaigns.operating.sweep import Report, count_live_pods
 from campaigns.reference.robotapps import make_volume
 from campaigns.rigs.live import Tenant, eventually, part, pool
 from campaigns.storm.history import Judge
-from campaigns.storm.recorder import Recorder
+from campaigns.storm.recorder import PATHS, Recorder
 from robotapp_testbed import images
 from robotapp_testbed.binaries import pins
 from robotapp_testbed.control_plane import product
@@ -155,7 +155,7 @@ def test_a_sweep_of_twelve_writes_twelve_results_each_in_a_domain_of_its_own(
     wanted = set(combinations(SPEEDS, SEEDS))
     limit_s, began_s = PER_RUN_S * len(wanted) * slowness(), time.monotonic()
     with Recorder(tenant.cp) as recorder:
-        eventually(lambda: recorder.passed.get("Pod", 0))
+        eventually(lambda: recorder.passed.keys() >= PATHS.keys())
         tenant.apply("sweep", run, ros={"distro": "jazzy"}, ros2=ros2, matrix=MATRIX)
         eventually(
             lambda: tenant.app("sweep").get("status", {}).get("instanceCounts", {}).get("completed") == len(wanted),
