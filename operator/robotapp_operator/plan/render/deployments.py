@@ -55,7 +55,7 @@ def component_jobs(
         if component.job is None:
             continue
         template = pod_template(component, desired, domain=domain, state=parameters.get(component.name, NONE))
-        if component.name in claiming:
+        if component.name in claiming and component.name not in ended:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.replicas > 0 and component.name not in {*waiting, *ended}
         if desired.app.queue and not is_running and component.name not in ended:
