@@ -412,6 +412,8 @@ class DeviceResult(Object, frozen=True, kw_only=True):
     driver: str = ""
     pool: str = ""
     device: str = ""
+    admin_access: bool = False
+    """Beside whoever has the device, such as a program that watches it: it takes the device from nobody."""
 
 
 class DeviceResults(Object, frozen=True, kw_only=True):

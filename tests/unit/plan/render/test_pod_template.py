@@ -207,6 +207,15 @@ def test_devices_arrive_by_the_downward_api() -> None:
     assert path == "metadata.annotations['granted.robotics.io/devices']"
 
 
+DRIVER_WISHES: dict[str, Any] = {
+    "devices": [
+        {"name": "lidar", "type": "serial"},
+        {"name": "eye", "type": "video", "sharing": "Cluster"},
+    ],
+    "requires": [{"type": "gpu", "model": "nvidia"}],
+}
+
+
 def test_hardware_is_left_to_our_scheduler_and_spelled_out_for_others() -> None:
     wanted = {
         "devices": [{"name": "c", "type": "can", "interface": "can0"}],
@@ -217,6 +226,17 @@ def test_hardware_is_left_to_our_scheduler_and_spelled_out_for_others() -> None:
     assert term == [
         {"key": "hardware.robotics.io/can-can0", "operator": "Exists"},
         {"key": "hardware.robotics.io/gpu", "operator": "In", "values": ["nvidia"]},
+    ]
+
+
+def test_a_device_of_a_resource_claim_needs_no_label_under_another_scheduler() -> None:
+    desired = desired_of(make_app(component("driver", **DRIVER_WISHES), schedulerName="default-scheduler"), "")
+    (driver,) = desired.app.spec.components
+    rendered = pod_template(driver, desired, domain=None, state=NONE, by_claim=True)
+    (term,) = required_terms(rendered)
+    assert [expression["key"] for expression in term] == [
+        "hardware.robotics.io/video",  # shared: no claim chooses it
+        "hardware.robotics.io/gpu",
     ]
 
 
