@@ -12,8 +12,8 @@ from robotapp_operator.plan.diff.jobs import (
     Progress,
     amend_job,
     end_at_once,
-    is_needless,
     limit_time,
+    must_delete,
     must_replace,
 )
 from robotapp_operator.plan.diff.newer import (
@@ -147,7 +147,7 @@ def plan(
         elif isinstance(over, Job):
             if over.is_deleting:
                 continue  # its successor is made when its last pod has ended
-            if must_replace(app, child, over, version=version) or is_needless(over, progress):
+            if must_replace(app, child, over, version=version) or must_delete(app, child, over, progress):
                 replaced.append(over)
             elif (job_spec := _change_job(app, child, over, progress)) is not None:
                 changes.append(Change(child, over, job_spec))

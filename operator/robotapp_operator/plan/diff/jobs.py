@@ -104,9 +104,14 @@ def end_at_once(job: Job) -> dict[str, Any]:
     return {**job.spec, _TIME_LIMIT: _AT_ONCE}
 
 
-def is_needless(job: Job, progress: Progress) -> bool:
-    """Whether the job waits although its instance has ended. It would have to run to end, so it is deleted."""
-    return progress.ending is not None and job.verdict is None and job.is_suspended
+def must_delete(app: App, child: Child, job: Job, progress: Progress) -> bool:
+    """Whether the job waits although its instance has ended, and would have to run to end; or must not run, and kueue, whose label the
+    app has no more, would resume it.
+    """
+    if job.verdict is not None:
+        return False
+    is_left_in_queue = QUEUE_NAME in job.metadata.labels and not app.queue
+    return job.is_suspended if progress.ending is not None else is_left_in_queue and child.spec[_SUSPEND] is True
 
 
 def is_queued(app: App, job: Job) -> bool:

@@ -2,6 +2,7 @@
 
 import secrets
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
@@ -47,6 +48,10 @@ def wait_phase(tenant: Tenant, name: str, phase: str) -> dict[str, Any]:
         lambda: app if (app := tenant.app(name)).get("status", {}).get("phase") == phase else None,
         what=lambda: (tenant.app(name).get("status"), tenant.listed("batch/jobs"), tenant.children()),
     )
+
+
+def elapsed_s(time: str) -> float:
+    return (datetime.now(UTC) - datetime.fromisoformat(time)).total_seconds()
 
 
 def jobs_of(tenant: Tenant) -> dict[str, dict[str, Any]]:
@@ -147,7 +152,32 @@ def test_jobs_that_are_not_done_at_the_deadline_are_ended(unplaced: Tenant, ids:
     wait_phase(unplaced, "late", "Failed")
     eventually(lambda: unplaced.deployments() == [], what=unplaced.children)
     eventually(lambda: not domains_of(unplaced), what=unplaced.claims)
-    assert unplaced.condition("late", "Ready")["reason"] in ("DeadlineExceeded", "JobFailed")
+    eventually(
+        lambda: any(each["type"] == "Failed" for each in jobs_of(unplaced)["save"]["status"].get("conditions", ())),
+        what=lambda: jobs_of(unplaced),
+    )
+    assert unplaced.condition("late", "Ready")["reason"] == "DeadlineExceeded"
+    unplaced.edit(
+        "late", completion={"deadline": "10m"}, components=[part("driver"), part("save", job={}, args=["again"])]
+    )
+    eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
+    assert jobs_of(unplaced)["save"]["spec"]["activeDeadlineSeconds"] in range(590, 601)
+
+
+def test_the_time_of_a_suspended_app_does_not_count_for_its_deadline(unplaced: Tenant, ids: str) -> None:
+    unplaced.apply(
+        "paused", part("save", job={}), ros2={"pool": ids}, schedulerName="nobody", completion={"deadline": "8s"}
+    )
+    eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
+    unplaced.edit("paused", suspend=True)
+    wait_phase(unplaced, "paused", "Suspended")
+    created = jobs_of(unplaced)["save"]["metadata"]["creationTimestamp"]
+    eventually(lambda: elapsed_s(created) > 12 or None, what=unplaced.children)
+    assert not unplaced.listed("pods")
+    unplaced.edit("paused", suspend=False)
+    eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
+    wait_phase(unplaced, "paused", "Failed")
+    assert unplaced.condition("paused", "Ready")["reason"] == "DeadlineExceeded"
 
 
 def test_a_suspended_app_suspends_its_jobs_and_goes_on_with_them(unplaced: Tenant, ids: str) -> None:

@@ -102,6 +102,19 @@ def test_a_job_in_a_queue_has_the_claim_of_its_devices_until_it_has_ended() -> N
     assert wanted_claims(app, [ended]) == []
 
 
+def test_a_job_whose_app_left_the_queue_is_deleted_when_it_must_not_run() -> None:
+    """kueue goes on with a Job that has its label."""
+    app = sweep()
+    instance = next(iter(app.sweep))
+    queued = job_of(sweep(queue="nightly"), instance, suspend=False)
+    (ref,) = refs(app, instance)
+    for running in (True, False):
+        wanted = wanted_children(desired_of(app, instance), domain=Domain(7), parameters={}, running=running)
+        result = plan(app, wanted, {ref: queued}, version="1", settled={}, progress=judge(app, queued))
+        assert list(result.deletes) == ([] if running else [queued])
+        assert not result.changes
+
+
 def test_an_app_that_is_suspended_and_wrong_stops_a_job_that_kueue_would_resume() -> None:
     app = sweep(queue="nightly")
     instance = next(iter(app.sweep))
