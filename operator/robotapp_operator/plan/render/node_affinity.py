@@ -14,7 +14,7 @@ from robotapp_api.values.placement.component_nodes import (
     tier_terms,
 )
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS
-from robotapp_api.values.placement.tiers import KEEP, on_disconnect
+from robotapp_api.values.placement.tiers import KEEP, ROBOT, on_disconnect
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.toleration import HARD_EFFECTS, tolerates
 from robotapp_claims.rules.device import claimed
@@ -123,7 +123,9 @@ def _toleration(written: Mapping[str, Any]) -> Toleration:
 
 def _node_terms(component: Component, desired: Desired, *, by_claim: bool) -> list[list[dict[str, Any]]]:
     """Returns terms for the allowed tiers, and for other schedulers for the hardware."""
-    common: list[dict[str, Any]] = [] if desired.app.our_scheduler else list(_hardware(component, by_claim=by_claim))
+    common: list[dict[str, Any]] = []
+    if not desired.app.our_scheduler:
+        common = [*_hardware(component, by_claim=by_claim), *_keep_to_the_robot(component, desired)]
     terms = tier_terms(component.runs_on, desired.robot_name)
     if not terms:
         return [common] if common else []
@@ -136,6 +138,17 @@ def _hardware(component: Component, *, by_claim: bool) -> Iterable[dict[str, Any
             yield _labelled(device.type, device.interface, device.model)
     for requirement in component.requires:
         yield _labelled(requirement.type, requirement.interface, requirement.model)
+
+
+def _keep_to_the_robot(component: Component, desired: Desired) -> Iterable[dict[str, Any]]:
+    """Yields where partners that run on the robot alone let the component run, whichever of them is placed first."""
+    partners = neighbours_of(desired.app.spec).get(component.name, NO_NEIGHBOURS)
+    robot_components = {other.name for other in desired.app.spec.components if tuple(other.runs_on) == (ROBOT,)}
+    if desired.robot_name and component.name not in robot_components:
+        if robot_components & {*partners.together}:
+            yield is_in(Label.ROBOT, desired.robot_name)
+        if robot_components & {*partners.apart}:
+            yield {"key": Label.ROBOT.value, "operator": "NotIn", "values": [desired.robot_name]}
 
 
 def _labelled(kind: str, interface: str, model: str) -> dict[str, Any]:

@@ -261,6 +261,24 @@ def test_other_schedulers_get_pod_affinity_towards_earlier_components_only() -> 
     assert "podAntiAffinity" in third["affinity"]
 
 
+@pytest.mark.parametrize(("rule", "operator"), [("separateFrom", "NotIn"), ("colocateWith", "In")])
+def test_other_schedulers_place_a_partner_of_the_robots_own_component_before_it_without_harm(
+    rule: str, operator: str
+) -> None:
+    """The operator component comes first in the list: on the robot it would keep the other one off its only node for ever."""
+    app = make_app(
+        component("operator", **{rule: ["robot"]}),
+        component("robot", runsOn=["Robot"]),
+        schedulerName="other",
+        robots={"nodeSelector": {"matchLabels": {"robotics.io/tier": "robot"}}},
+    )
+    desired = desired_of(app, "amr-07")
+    first, second = (pod_template(part, desired, domain=DOMAIN, state=NONE) for part in app.spec.components)
+    partner = {"key": "robotics.io/robot", "operator": operator, "values": ["amr-07"]}
+    assert all(partner in term for term in required_terms(first))
+    assert required_terms(second) == [[{"key": "robotics.io/robot", "operator": "In", "values": ["amr-07"]}]]
+
+
 def test_cyclone_pods_have_a_name_of_their_own_and_await_the_others() -> None:
     app = {"ros2": {"rmw": "rmw_cyclonedds_cpp"}}
     spec = template(app=app)["spec"]
