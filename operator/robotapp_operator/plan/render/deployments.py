@@ -55,7 +55,8 @@ def component_jobs(
     for component in desired.app.spec.components:
         if component.job is None:
             continue
-        by_claim, state = component.name in claiming, parameters.get(component.name, NONE)
+        by_claim = component.name in claiming and component.name not in ended
+        state = parameters.get(component.name, NONE)
         template = pod_template(component, desired, domain=domain, state=state, by_claim=by_claim)
         if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
