@@ -84,10 +84,15 @@ async def fetch_app_with_jobs(session: Session, name: str) -> Json:
 
 
 async def repeat_failed(session: Session, name: str) -> None:
-    """Deletes the failed Jobs of failed runs, which the operator makes anew, and prints which."""
+    """Deletes the failed Jobs of failed runs, which the operator makes anew, and prints which.
+
+    Where the jobs of a run have a deadline together, it deletes all of them: the time counts from the first one, and would be over.
+    """
     app = await fetch_app_with_jobs(session, name)
     runs = await list_runs(session, app)
-    jobs = [(run, job) for run in runs if run.phase == Phase.FAILED for job in run.failed_jobs]
+    has_deadline = bool((app["spec"].get("completion") or {}).get("deadline"))
+    failed_runs = [run for run in runs if run.phase == Phase.FAILED]
+    jobs = [(run, job) for run in failed_runs for job in (run.jobs if has_deadline else run.failed_jobs)]
     if not jobs:
         print_line(f"{name} has no failed run; nothing was changed")
         return

@@ -5,10 +5,9 @@ So they are computed once for each version of the spec and the nodes.
 """
 
 import dataclasses
-from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
 
-from robotapp_api.model.names import Label, Reason
+from robotapp_api.model.names import Reason
 from robotapp_api.values.overrides import select_overrides
 from robotapp_api.values.quantities.ranges import parse_ids
 from robotapp_claims.rules.domain import DomainOutcome
@@ -18,11 +17,11 @@ from robotapp_claims.rules.objects import Claim
 from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_operator.plan.diff.diff import deployment_domain
-from robotapp_operator.plan.diff.jobs import list_admitted
+from robotapp_operator.plan.diff.jobs import list_admitted, names_domain
 from robotapp_operator.plan.spec.config_content import ClusterConfig, reads_config
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
-from robotapp_operator.plan.spec.objects import Deployment
+from robotapp_operator.plan.spec.objects import Deployment, Job
 from robotapp_operator.plan.spec.robot_values import overridden, recorded_overrides
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, name_problems, problems_alone, problems_with
 from robotapp_operator.watch.cache import Cache
@@ -83,7 +82,7 @@ def describe_turn(app: App, instance: str, cache: Cache) -> str:
 
 def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
     """Returns the app as its overrides make it for the instance: by the labels of the robot's primary node, and while that is
-    unknown as the Deployments were rendered, because a robot out of sight must not start anew.
+    unknown as its Deployments and Jobs were rendered, because a robot out of sight must not start anew.
     """
     if not app.spec.overrides:
         return app
@@ -91,7 +90,7 @@ def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
     names = (
         select_overrides(app.spec.overrides, node.metadata.labels)
         if node is not None
-        else recorded_overrides(owned_deployments(app, instance.robot, cache))
+        else recorded_overrides(owned_workloads(app, instance.robot, cache))
     )
     question = f"overridden by {sorted(names.items())}"
     app_of_robot: App = cache.answers.get(app, question, app.annotations, lambda: overridden(app, names))
@@ -171,7 +170,7 @@ def cached_domain(app: App, robot: str, cache: Cache, outcome: DomainOutcome | N
         return _find_shared_id(app, cache, outcome)
     else:
         claims = cache.domains_held(app.uid, robot)
-        named = _list_ids(owned_deployments(app, robot, cache)) if len(claims) > 1 else ()
+        named = _list_ids(owned_workloads(app, robot, cache)) if len(claims) > 1 else ()
         claim = wanted_claim(view, claims, named=named)
     if claim is None or not claim.standing or claim.spec.domain is None:
         return None
@@ -182,10 +181,11 @@ def _find_joined_claim(key: AppKey, robot: str, cache: Cache) -> Claim | None:
     owner = cache.sharing.named(key)
     if owner is None:
         return None
-    deployed: dict[str, list[Deployment]] = defaultdict(list)
-    for item in cache.deployments.of(owner.uid).values():
-        deployed[item.metadata.labels.get(Label.INSTANCE, "")].append(item)
-    named = {instance: _list_ids(items) for instance, items in deployed.items()}
+    deployments, jobs, uid = cache.deployments, cache.jobs, owner.uid
+    named = {
+        name: _list_ids((*deployments.of_instance(uid, name).values(), *jobs.of_instance(uid, name).values()))
+        for name in cache.running_instances(uid)
+    }
     return claim_to_join(rules_view(owner), robot, cache.claims.of(owner.uid).values(), named=named)
 
 
@@ -194,8 +194,9 @@ def _rules_view_of(key: AppKey, cache: Cache) -> ClaimsApp | None:
     return rules_view(app) if app else None
 
 
-def _list_ids(deployments: Iterable[Deployment]) -> set[int]:
-    return {number for item in deployments if (number := deployment_domain(item)) is not None}
+def _list_ids(workloads: Iterable[Deployment | Job]) -> set[int]:
+    """Returns the domains that templates name of which pods may still be made."""
+    return {number for item in workloads if names_domain(item) and (number := deployment_domain(item)) is not None}
 
 
 def _find_shared_id(app: App, cache: Cache, outcome: DomainOutcome | None) -> Domain | None:
@@ -208,9 +209,12 @@ def _find_shared_id(app: App, cache: Cache, outcome: DomainOutcome | None) -> Do
 
 def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
     """Returns the instance's Deployments that the app controls, in name order."""
-    deployments = (
-        item
-        for item in cache.deployments.of_instance(app.uid, robot).values()
-        if item.metadata.controller_uid == app.uid
-    )
-    return sorted(deployments, key=lambda item: item.metadata.name)
+    deployments = cache.deployments.of_instance(app.uid, robot).values()
+    controlled = [item for item in deployments if item.metadata.controller_uid == app.uid]
+    return sorted(controlled, key=lambda item: item.metadata.name)
+
+
+def owned_workloads(app: App, robot: str, cache: Cache) -> list[Deployment | Job]:
+    """Returns the instance's Deployments and Jobs that the app controls."""
+    jobs = cache.jobs.of_instance(app.uid, robot).values()
+    return [*owned_deployments(app, robot, cache), *(job for job in jobs if job.metadata.controller_uid == app.uid)]
