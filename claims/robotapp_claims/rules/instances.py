@@ -323,11 +323,13 @@ def find_ending(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: da
     if complete and (rules.any_suffices or complete.keys() == rules.jobs):
         chosen = (min if rules.any_suffices else max)(complete, key=lambda name: complete[name])
         return Ending(Reason.COMPLETED, chosen, complete[chosen])
+    end = deadline_of(rules, jobs)
     if failed and (not rules.any_suffices or failed.keys() == rules.jobs):
         first = min(failed, key=lambda name: failed[name])
-        return Ending(Reason.JOB_FAILED, first, failed[first])
-    end = deadline_of(rules, jobs)
-    if end is None or now < end:
+        # The deadline stands in each Job as well, which fails by it a moment later: the deadline remains the reason.
+        if end is None or _parse_time(failed[first]) < end:
+            return Ending(Reason.JOB_FAILED, first, failed[first])
+    elif end is None or now < end:
         return None
     return Ending(Reason.DEADLINE_EXCEEDED, time=end.isoformat(timespec="seconds").replace("+00:00", "Z"))
 

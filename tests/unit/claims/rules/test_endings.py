@@ -93,6 +93,12 @@ def test_the_deadline_runs_from_the_first_job_of_the_newest_generation() -> None
     assert deadline_of(rules, {"a": old, "b": new}) == datetime(2026, 1, 1, 0, 1, 30, tzinfo=UTC)
 
 
+def test_a_job_that_fails_by_the_deadline_written_into_it_leaves_the_deadline_as_the_reason() -> None:
+    rules = CompletionRules(frozenset({"a"}), deadline=timedelta(seconds=40))
+    assert reason_of(rules, a=FAILED) is Reason.DEADLINE_EXCEEDED
+    assert reason_of(rules, a=FAILED._replace(ended="2026-01-01T00:00:39Z")) is Reason.JOB_FAILED
+
+
 def test_a_deadline_of_any_length_is_read() -> None:
     found = rules_of({"name": "save", "job": {}}, completion={"deadline": "999999h999999h999999h"})
     assert found is not None
