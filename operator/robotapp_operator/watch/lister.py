@@ -517,6 +517,12 @@ def _not_restarted(deployments: Iterable[Deployment], pods: Mapping[str, list[Po
     return tuple(sorted(name for restart in restarts for name in restart.refused))
 
 
+def describe_turn_if_valid(app: App, robot: str, cache: Cache) -> str:
+    """Returns why the instance waits for others, "" where nothing runs that it could wait for, because the spec is refused."""
+    problems = problems_now(app, cache) if app.spec.matrix is not None else ()
+    return "" if any(item.reason == Reason.INVALID_SPEC for item in problems) else describe_turn(app, robot, cache)
+
+
 class ComponentSources(NamedTuple):
     """What the views of an instance's components are made of.
 
@@ -535,7 +541,7 @@ class ComponentSources(NamedTuple):
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
     """Yields the view of each component in the order of the spec."""
     cache, ending = sources.cache, sources.progress.ending
-    turn = describe_turn(app, robot, cache)
+    turn = describe_turn_if_valid(app, robot, cache)
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)
