@@ -80,12 +80,12 @@ class KubeletServer:
         return grpc.method_handlers_generic_handler(REGISTRATION_SERVICE, methods)
 
     async def _prepare(self, claims: tuple[messages.ClaimReference, ...], _: Any) -> messages.PrepareAnswers:
-        answers = {}
-        for claim in claims:
-            answer = answers[claim.uid] = await self._plugin.prepare(claim)
+        # All at once: the kubelet's patience is for the call, and each claim may have to wait for its device.
+        answers = await asyncio.gather(*map(self._plugin.prepare, claims))
+        for answer in answers:
             if isinstance(answer, str):
                 log.warning("%s", answer)
-        return answers
+        return {claim.uid: answer for claim, answer in zip(claims, answers, strict=True)}
 
     async def _unprepare(self, claims: tuple[messages.ClaimReference, ...], _: Any) -> dict[str, str]:
         return {claim.uid: await self._plugin.unprepare(claim) for claim in claims}

@@ -19,6 +19,8 @@ MOST_BYTES: Final = 4 << 20
 _MOST_LINKS: Final = 8
 _TERMINAL_MAJORS: Final = range(136, 144)
 """Of pseudo-terminals, Unix98's /dev/pts."""
+_MEMORY_MAJOR: Final = 1
+"""Of /dev/null, /dev/zero and the like."""
 
 
 class CheckpointError(Exception):
@@ -131,7 +133,9 @@ class DeviceFiles:
                 return None
             if not (stat.S_ISCHR(state.st_mode) or stat.S_ISBLK(state.st_mode)):
                 return None
-            return DeviceFile(path, terminal=os.major(state.st_rdev) in _TERMINAL_MAJORS, gid=state.st_gid)
+            major = os.major(state.st_rdev)
+            number = 0 if major == _MEMORY_MAJOR else state.st_rdev
+            return DeviceFile(path, terminal=major in _TERMINAL_MAJORS, gid=state.st_gid, number=number)
         return None
 
     def list_sound(self) -> list[str]:

@@ -44,9 +44,18 @@ class Patience(NamedTuple):
     """A claim's next try, and the first one after a holder whose claim is gone: 30 s are the usual grace period of its pod."""
     look_again_s: float = 1.0
     """A claim that no pod uses keeps its device until it is deleted or deallocated, which only a read shows."""
+    call_s: float = 40.0
+    """A whole preparation with all it reads: beyond the kubelet's patience its event would name no reason."""
 
 
 PATIENCE: Final = Patience()
+
+
+class Preparation(msgspec.Struct, eq=False):
+    """A call that is on its way. `is_void`: the kubelet gave the claim back meanwhile, and would not do so again."""
+
+    uid: str
+    is_void: bool = False
 
 
 class DevicePlugin:
@@ -76,6 +85,7 @@ class DevicePlugin:
         self._patience = patience
         self._refused: set[str] = set()
         """Claims that were told who has their device."""
+        self._preparations: set[Preparation] = set()
         self._releases = asyncio.Condition()
         self._devices: dict[str, Device] = {}
         self._ledger = folders.checkpoint.load()
@@ -84,13 +94,26 @@ class DevicePlugin:
         return f"<DevicePlugin of {self._node}: {len(self._ledger.claims)} claims, {len(self._devices)} devices>"
 
     def update_devices(self, devices: Iterable[Device]) -> None:
-        """Takes in a scan: a device that was plugged in again may have another path, which the next container gets."""
+        """Takes in a scan: a device that was plugged in again may have another path, which the next container gets.
+
+        Unless that path is what a container of another claim has from a device that it lost: it could open both.
+        """
         self._devices = {device.id: device for device in devices}
-        for claim in self._ledger.claims.values():
+        claims = {uid: self._number(claim) for uid, claim in self._ledger.claims.items()}
+        try:
+            self._save(Ledger(claims=claims))
+        except OSError as error:
+            log.warning("numbers of devices are not recorded: %s", error)
+        for claim in claims.values():
             if not claim.boot_id:
                 continue
             try:
-                self._write_spec(claim)
+                held = self._ledger.find_holder(claim)
+                if held is None:
+                    self._write_spec(claim)
+                elif claim.uid in self._folders.cdi.list_uids():
+                    self._folders.cdi.remove(claim.uid)
+                    log.warning("claim %s/%s: %s", claim.namespace, claim.name, self._explain(held, claim))
             except OSError as error:
                 log.warning("the CDI spec of claim %s/%s is not written: %s", claim.namespace, claim.name, error)
 
@@ -109,9 +132,21 @@ class DevicePlugin:
 
     async def prepare(self, reference: ClaimReference) -> tuple[DeviceAnswer, ...] | str:
         """The devices for the kubelet, or why the claim cannot be prepared. Preparing again changes nothing."""
-        plan = await self._plan(reference)
-        if isinstance(plan, PreparedClaim) and await self._wait_until_free(plan):
-            plan = await self._plan(reference)  # meanwhile the claim may have been deleted, or given another device
+        preparation = Preparation(reference.uid)
+        self._preparations.add(preparation)
+        try:
+            async with asyncio.timeout(self._patience.call_s):
+                plan = await self._plan(reference)
+                if isinstance(plan, PreparedClaim) and await self._wait_until_free(plan):
+                    plan = await self._plan(
+                        reference
+                    )  # meanwhile the claim may have been deleted, or given another device
+        except TimeoutError:
+            return f"{_name(reference)} is not prepared after {self._patience.call_s:.0f} s: the API server answers too slowly"
+        finally:
+            self._preparations.discard(preparation)
+        if preparation.is_void:
+            return f"{_name(reference)} was given back by the kubelet while it was prepared"
         return self._record(plan) if isinstance(plan, PreparedClaim) else plan
 
     async def _plan(self, reference: ClaimReference) -> PreparedClaim | str:
@@ -125,11 +160,12 @@ class DevicePlugin:
         except (ClientError, msgspec.ValidationError) as error:
             recorded_claim = self._ledger.claims.get(reference.uid)
             if recorded_claim is None or isinstance(error, NotFound):
-                return f"claim {reference.namespace}/{reference.name} cannot be read: {error}"
+                return f"{_name(reference)} cannot be read: {error}"
             return msgspec.structs.replace(recorded_claim, boot_id=self._boot_id)
         plan = plan_preparation(claim, uid=reference.uid, node=self._node, devices=self._devices, boot_id=self._boot_id)
         if isinstance(plan, Refusal):
             return plan.text
+        plan = self._number(plan)
         if reason := await self._find_robotclaim(plan):
             return reason
         while (held := self._ledger.find_holder(plan)) and await self._forget_if_gone(held.holder):
@@ -175,7 +211,7 @@ class DevicePlugin:
         if plan.uid in self._refused:
             return self._patience.later_s
         allocated = await self._read_allocated(held.holder)
-        is_given_up = allocated is not None and held.device not in allocated
+        is_given_up = allocated is not None and (held.former or held.device) not in allocated
         return self._patience.later_s if is_given_up else self._patience.first_s
 
     async def _wait_for_release(self, holder: PreparedClaim) -> None:
@@ -185,24 +221,27 @@ class DevicePlugin:
     async def unprepare(self, reference: ClaimReference) -> str:
         """Gives the claim's devices back; the error, or "" when they are free."""
         self._refused.discard(reference.uid)
+        for preparation in self._preparations:
+            preparation.is_void = preparation.is_void or preparation.uid == reference.uid
         try:
             # First the device, then the lock.
             self._folders.cdi.remove(reference.uid)
             self._save(self._ledger.release(reference.uid))
         except OSError as error:
-            return f"the devices of claim {reference.namespace}/{reference.name} are not given back: {error}"
-        log.info("claim %s/%s is given back by the kubelet", reference.namespace, reference.name)
+            return f"the devices of {_name(reference)} are not given back: {error}"
+        log.info("%s is given back by the kubelet", _name(reference))
         async with self._releases:
             self._releases.notify_all()
         return ""
 
     def _record(self, claim: PreparedClaim) -> tuple[DeviceAnswer, ...] | str:
+        claim = self._number(claim)
         ledger = self._ledger.prepare(claim)
         if isinstance(ledger, Held):
             if len(self._refused) >= MOST_REFUSED:
                 self._refused.clear()
             self._refused.add(claim.uid)
-            return ledger.explain(node=self._node, namespace=claim.namespace)
+            return self._explain(ledger, claim)
         if former_device := self._ledger.find_former_device(claim):
             return (
                 f"claim {claim.namespace}/{claim.name} was given another device while a container may still have {former_device} of node "
@@ -221,13 +260,34 @@ class DevicePlugin:
         log.info("claim %s/%s is prepared: %s", claim.namespace, claim.name, ", ".join(d.device for d in claim.devices))
         return tuple(DeviceAnswer(d.request, d.pool, d.device, cdi_id(claim, d)) for d in claim.devices)
 
+    def _explain(self, held: Held, claim: PreparedClaim) -> str:
+        return held.explain(node=self._node, namespace=claim.namespace)
+
     def _write_spec(self, claim: PreparedClaim) -> bool:
-        """Writes the CDI spec; returns whether the claim's devices are all there."""
+        """Writes the CDI spec; returns whether the claim's devices are all there.
+
+        Without one of them the spec goes: its device file may become that of another device, which a container that restarts would open.
+        """
         spec = spec_of(claim, self._devices, {d.device: self._files(d.device) for d in claim.devices})
         if spec is None:
+            self._folders.cdi.remove(claim.uid)
             return False
         self._folders.cdi.write(claim.uid, spec)
         return True
+
+    def _number(self, claim: PreparedClaim) -> PreparedClaim:
+        """Returns the claim with the numbers that its device files have now, or had when they were seen last."""
+        recorded_claim = self._ledger.claims.get(claim.uid, claim)
+        former_numbers = {device.device: device.numbers for device in recorded_claim.devices}
+        devices = []
+        for device in claim.devices:
+            current = self._devices.get(device.device)
+            files = self._files(device.device) if current is not None and current.present else []
+            numbers = tuple(file.number for file in files if file.number)
+            devices.append(
+                msgspec.structs.replace(device, numbers=numbers or former_numbers.get(device.device, device.numbers))
+            )
+        return claim if tuple(devices) == claim.devices else msgspec.structs.replace(claim, devices=tuple(devices))
 
     def _files(self, device_id: str) -> list[DeviceFile]:
         device = self._devices.get(device_id)
@@ -278,3 +338,7 @@ class DevicePlugin:
         if current.metadata.uid != claim.uid:
             return set()
         return {result.device for result in current.results if result.pool == self._node}
+
+
+def _name(reference: ClaimReference) -> str:
+    return f"claim {reference.namespace}/{reference.name}"

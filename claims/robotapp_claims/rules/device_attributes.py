@@ -27,7 +27,7 @@ DRIVER: Final = "devices.robotics.io"
 MOST_ATTRIBUTES: Final = 32
 """Of one device, by the API."""
 LONGEST_TEXT: Final = 64
-"""Characters of an attribute's value, by the API."""
+"""Bytes of an attribute's value, by the API: one device with more would keep all of its slice from being published."""
 _LONGEST_ID: Final = 32
 """Characters of an attribute's name, which must be a C identifier."""
 _PLAIN_NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
@@ -53,12 +53,17 @@ def attributes_of(device: Described, *, path: str = "") -> Attributes:
         "serial": serial,
         "path": path,
     }
-    attributes: Attributes = {key: {"string": text[:LONGEST_TEXT]} for key, text in texts.items() if text}
+    attributes: Attributes = {key: {"string": cut_text(text)} for key, text in texts.items() if text}
     words = {word: False for name in device.names for word in _beginnings(name)} | dict.fromkeys(device.names, True)
     whole_first = sorted(words, key=lambda word: (not words[word], word))
     for word in whole_first[: MOST_ATTRIBUTES - len(texts)]:
         attributes[name_attribute(word)] = {"bool": words[word]}
     return attributes
+
+
+def cut_text(text: str) -> str:
+    """Returns as much of a text as an attribute holds, in whole characters."""
+    return text.encode(errors="replace")[:LONGEST_TEXT].decode(errors="ignore")
 
 
 def name_attribute(word: str) -> str:
@@ -97,7 +102,7 @@ def _kind_condition(kind: str, interface: str) -> str:
 
 def _equals(attribute: str, *texts: str) -> str:
     """CEL that holds where the attribute is one of the texts, each as JSON, whose escapes CEL has, too."""
-    literals = [json.dumps(text[:LONGEST_TEXT], ensure_ascii=False) for text in texts]
+    literals = [json.dumps(cut_text(text), ensure_ascii=False) for text in texts]
     value = f'{_ATTRIBUTES}["{attribute}"]'
     comparison = f"{value} == {literals[0]}" if len(literals) == 1 else f"{value} in [{', '.join(literals)}]"
     return f'"{attribute}" in {_ATTRIBUTES} && {comparison}'
@@ -133,7 +138,7 @@ def list_held(claim: ResourceClaim) -> tuple[Claim, ...]:
             status=ClaimStatus(node=result.pool, pod=pod),
         )
         for result in claim.status.allocation.devices.results
-        if result.driver == DRIVER
+        if result.driver == DRIVER and not result.admin_access
     )
 
 

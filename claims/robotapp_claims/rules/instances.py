@@ -6,7 +6,7 @@ one and not for the other would be created and freed in turn.
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -14,7 +14,7 @@ from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.sweeps.matrix import expand_matrix
 from robotapp_claims.rules.identity import hash10
-from robotapp_claims.rules.objects import COMPLETE, App, Job, Meta
+from robotapp_claims.rules.objects import COMPLETE, OUT_OF_TIME, App, Job, Meta
 
 ANY: Final = "Any"
 FEW_MISSING: Final = 3
@@ -240,6 +240,8 @@ def admits(annotations: Mapping[str, str], namespace: str) -> bool:
 
 
 LONGEST_DEADLINE: Final = timedelta(days=3650)
+_CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
+"""So much earlier than by the clock of the operator a Job may end by that of the Job controller."""
 
 
 class CompletionRules(NamedTuple):
@@ -249,6 +251,8 @@ class CompletionRules(NamedTuple):
     any_suffices: bool = False
     deadline: timedelta | None = None
     """How long they may take together."""
+    generation: int = 0
+    """That of the app."""
 
 
 class JobState(NamedTuple):
@@ -259,6 +263,12 @@ class JobState(NamedTuple):
     verdict: str = ""
     """Complete or Failed; "" while it may still run."""
     ended: str = ""
+    reason: str = ""
+    """Why it has failed, in the word of the Job controller."""
+    started: str = ""
+    """When it was started last; "" before that."""
+    suspended: bool = False
+    """Whether it waits, because its app is suspended or its queue has not admitted it."""
 
 
 class Ending(NamedTuple):
@@ -292,6 +302,7 @@ def completion_rules_of(app: App) -> CompletionRules | None:
         frozenset(name for job in counting for name in job.names),
         any_suffices=success.operator == "Any",
         deadline=_read_deadline(spec.completion.deadline),
+        generation=app.metadata.generation,
     )
 
 
@@ -312,6 +323,9 @@ def read_job_state(job: Job) -> JobState:
         generation=int(generation) if generation.isdecimal() else 0,
         verdict=verdict.type if verdict else "",
         ended=verdict.last_transition_time if verdict else "",
+        reason=verdict.reason if verdict else "",
+        started=job.status.start_time,
+        suspended=job.spec.suspend or job.status.is_suspended,
     )
 
 
@@ -326,21 +340,43 @@ def find_ending(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: da
     end = deadline_of(rules, jobs)
     if failed and (not rules.any_suffices or failed.keys() == rules.jobs):
         first = min(failed, key=lambda name: failed[name])
-        # The deadline stands in each Job as well, which fails by it a moment later: the deadline remains the reason.
-        if end is None or _parse_time(failed[first]) < end:
-            return Ending(Reason.JOB_FAILED, first, failed[first])
-    elif end is None or now < end:
-        return None
+        if end is not None and _ran_out_of_time(jobs[first], end):
+            return _end_by_deadline(end)
+        return Ending(Reason.JOB_FAILED, first, failed[first])
+    return None if end is None or now < end else _end_by_deadline(end)
+
+
+def _end_by_deadline(end: datetime) -> Ending:
     return Ending(Reason.DEADLINE_EXCEEDED, time=end.isoformat(timespec="seconds").replace("+00:00", "Z"))
 
 
+def _ran_out_of_time(job: JobState, end: datetime) -> bool:
+    """Whether the job was ended because the instance's time was over: by the limit in the Job itself, or by the operator."""
+    return job.reason == OUT_OF_TIME and _parse_time(job.ended) + _CLOCK_DIFFERENCE >= end
+
+
 def deadline_of(rules: CompletionRules, jobs: Mapping[str, JobState]) -> datetime | None:
-    """Returns when the instance's time is over; None without a deadline or a job. An edit of the app begins it anew with the jobs that it runs."""
+    """Returns when the instance's time is over; None without a deadline or a job, and while a job is suspended or waits in a queue.
+
+    An edit of the app begins it anew with the next job that is made: what the jobs before took may be longer than the deadline.
+    """
     if rules.deadline is None or not jobs:
         return None
     latest = max(job.generation for job in jobs.values())
-    begun = [_parse_time(job.created) for job in jobs.values() if job.generation == latest]
-    return min(begun) + rules.deadline
+    newest = [job for job in jobs.values() if job.generation == latest]
+    is_edited = rules.generation > latest and not rules.jobs <= jobs.keys()
+    if is_edited or any(job.suspended and not job.verdict for job in newest):
+        return None
+    return min(_parse_time(job.created) for job in newest) + _measure_waits(newest) + rules.deadline
+
+
+def _measure_waits(jobs: Iterable[JobState]) -> timedelta:
+    """Returns how long jobs have waited between their creation and their last start, counting the time once in which several waited."""
+    total, until = timedelta(), datetime.min.replace(tzinfo=UTC)
+    for created, started in sorted((_parse_time(job.created), _parse_time(job.started or job.created)) for job in jobs):
+        total += max(timedelta(), started - max(created, until))
+        until = max(until, started)
+    return total
 
 
 def _parse_time(text: str) -> datetime:

@@ -15,6 +15,10 @@ ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 COMPLETE: Final = "Complete"
 FAILED: Final = "Failed"
 """Conditions of a Job that has ended."""
+SUSPENDED: Final = "Suspended"
+"""Condition of a Job that starts no pod for now."""
+OUT_OF_TIME: Final = "DeadlineExceeded"
+"""Reason of the condition Failed of a Job whose time was over."""
 EXCLUSIVE: Final = "Exclusive"
 """Value of a device's `sharing` that keeps all other pods out."""
 
@@ -271,8 +275,14 @@ class JobCondition(Object, frozen=True, kw_only=True):
     last_transition_time: str = ""
 
 
+class JobSpec(DeploymentSpec, frozen=True, kw_only=True):
+    suspend: bool = False
+
+
 class JobStatus(Object, frozen=True, kw_only=True):
     conditions: tuple[JobCondition, ...] = ()
+    start_time: str = ""
+    """When it was started last; a Job that goes on after it was suspended gets another time."""
 
     @property
     def verdict(self) -> JobCondition | None:
@@ -280,12 +290,17 @@ class JobStatus(Object, frozen=True, kw_only=True):
         final = (one for one in self.conditions if one.type in {COMPLETE, FAILED} and one.status == "True")
         return next(final, None)
 
+    @property
+    def is_suspended(self) -> bool:
+        """Whether the Job controller has stopped it, and has not yet started it again."""
+        return any(one.type == SUSPENDED and one.status == "True" for one in self.conditions)
+
 
 class Job(Object, frozen=True, kw_only=True):
     """A Job of a component that ends; its template counts as long as the job has no verdict."""
 
     metadata: JobMeta
-    spec: DeploymentSpec = DeploymentSpec()
+    spec: JobSpec = JobSpec()
     status: JobStatus = JobStatus()
 
 
@@ -397,6 +412,8 @@ class DeviceResult(Object, frozen=True, kw_only=True):
     driver: str = ""
     pool: str = ""
     device: str = ""
+    admin_access: bool = False
+    """Beside whoever has the device, such as a program that watches it: it takes the device from nobody."""
 
 
 class DeviceResults(Object, frozen=True, kw_only=True):

@@ -18,6 +18,7 @@ from robotapp_client.api.resources import JOBS, NODES, PODS
 
 SEED: Final = "seed"
 """The parameter of a matrix whose value is the run's seed."""
+_FINAL: Final = ("Complete", "Failed")
 ENDED: Final = frozenset({Phase.COMPLETED, Phase.FAILED})
 
 
@@ -48,11 +49,13 @@ class JobRun:
     def ended(self) -> str:
         """When it completed or failed, "" before that."""
         time = status(self.obj).get("completionTime") or condition(self.obj, "Failed").get("lastTransitionTime")
-        return str(time or "") if self.result in ("Complete", "Failed") else ""
+        return str(time or "") if self.result in _FINAL else ""
 
     @property
     def exit_code(self) -> int | None:
         """Exit code of the component's program in its latest pod; None while it runs, and where no pod is left."""
+        if self.result not in _FINAL:
+            return None
         codes = (_exit_code(pod, self.component) for pod in reversed(self.pods))
         return next((code for code in codes if code is not None), None)
 

@@ -92,13 +92,22 @@ async def fetch_app_with_jobs(session: Session, name: str) -> Json:
 
 
 async def repeat_failed(session: Session, name: str) -> None:
-    """Deletes the failed Jobs of failed runs, which the operator makes anew, and prints which."""
+    """Deletes the failed Jobs of runs that have not completed, which the operator makes anew, and prints which.
+
+    Where the jobs of a failed run have a deadline together, it deletes all of them: the time counts from the first one, and would be over.
+    """
     app = await fetch_app_with_jobs(session, name)
     runs = await list_runs(session, app)
     if app["spec"].get("suspend"):
         raise CliError(f"{name} is suspended; start it with: kubectl robotapp resume {name}")
     # A run whose other components wait for a failed job has not ended, and never will.
-    jobs = [(run, job) for run in runs if run.phase != Phase.COMPLETED for job in run.failed_jobs]
+    has_deadline = bool((app["spec"].get("completion") or {}).get("deadline"))
+    jobs = [
+        (run, job)
+        for run in runs
+        if run.phase != Phase.COMPLETED
+        for job in (run.jobs if has_deadline and run.phase == Phase.FAILED else run.failed_jobs)
+    ]
     if not jobs:
         print_line(f"{name} has no failed job; nothing was changed")
         print_refusal(app)

@@ -21,6 +21,7 @@ import msgspec
 from robotapp_client.api import bodies
 from robotapp_client.api.backoff import Backoff
 from robotapp_client.api.bodies import APPLY, JSON, MERGE
+from robotapp_client.api.nesting import decode_nested
 from robotapp_client.api.resources import Resource
 from robotapp_client.transport.errors import (
     MOST_PAUSE_S,
@@ -367,7 +368,7 @@ def with_query(path: str, query: dict[str, str]) -> str:
 
 def _decode(decode: Callable[[bytes], T], response: Response) -> T:
     try:
-        return decode(response.body)
+        return decode_nested(decode, response.body)
     except msgspec.ValidationError:
         raise
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
@@ -379,7 +380,7 @@ _OBJECT = msgspec.json.Decoder(Json).decode
 
 def _object(response: Response) -> Json:
     try:
-        return _OBJECT(response.body)
+        return decode_nested(_OBJECT, response.body)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         # Answered with success, so probably applied, but we cannot know what the object looks like now.
         raise Unreachable(f"the answer is no JSON object: {error}", maybe_applied=True) from error

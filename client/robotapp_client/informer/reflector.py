@@ -20,6 +20,7 @@ import msgspec
 
 from robotapp_client.api.backoff import Backoff
 from robotapp_client.api.client import ApiClient, with_query
+from robotapp_client.api.nesting import decode_nested
 from robotapp_client.api.resources import Resource
 from robotapp_client.informer.watch_decoder import (
     ADDED,
@@ -279,7 +280,7 @@ class Reflector(Generic[T]):
         path = with_query(self._resource.path(self._namespace), {"limit": "1"} | self._selectors)
         answer = await self._client.request("GET", path)
         try:
-            return _read_version(answer.body).metadata.resource_version
+            return decode_nested(_read_version, answer.body).metadata.resource_version
         except msgspec.DecodeError as error:
             raise Unreachable(f"the version of a list cannot be read: {error}", maybe_applied=False) from error
 

@@ -1,12 +1,12 @@
 """Bytes of a watch stream to typed events: line splitting, a cheap envelope, and the identity of an object."""
 
-import re
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Generic, TypeVar, get_type_hints
 
 import msgspec
 
 from robotapp_client.api.client import ListMeta, Page
+from robotapp_client.api.nesting import decode_nested
 from robotapp_client.transport.errors import Status, Unreachable, error_from_status
 
 T = TypeVar("T")
@@ -17,8 +17,6 @@ DELETED: Final = "DELETED"
 BOOKMARK: Final = "BOOKMARK"
 ERROR: Final = "ERROR"
 
-MOST_NESTED: Final = 200
-"""The decoder gives up at about a thousand levels, also in parts it skips."""
 MAX_LINE_BYTES: Final = 32 * 2**20
 """etcd refuses objects above 1.5 MiB; a longer line means we lost the thread."""
 INITIAL_EVENTS_END: Final = "k8s.io/initial-events-end"
@@ -79,30 +77,6 @@ _RAW_PAGE = msgspec.json.Decoder(_RawPage)
 _BARE = msgspec.json.Decoder(_Bare)
 _STATUS = msgspec.json.Decoder(Status)
 _USUAL = frozenset({ADDED, MODIFIED, DELETED})
-
-
-_NESTING = re.compile(rb'"(?:[^"\\]|\\.)*+"|[{}\[\]]')
-
-
-def shallow(body: bytes, *, most: int = MOST_NESTED) -> bytes:
-    """The same JSON with null for whatever is nested deeper: one such object would stop list and watch for ever.
-
-    >>> shallow(b'{"a": [[{"b": "}"}], 1]}', most=2)
-    b'{"a": [null, 1]}'
-    """
-    parts: list[bytes] = []
-    depth = kept = 0
-    for token in _NESTING.finditer(body):
-        sign = body[token.start()]
-        if sign in b"{[":
-            if depth == most:
-                parts += (body[kept : token.start()], b"null")
-            depth += 1
-        elif sign in b"}]":
-            depth -= 1
-            if depth == most:
-                kept = token.end()
-    return b"".join([*parts, body[kept:]])
 
 
 class Lines:
@@ -203,10 +177,7 @@ class WatchDecoder(Generic[T]):
 
     def page(self, body: bytes) -> "Page[Read[T]]":
         """A list page, in one pass unless an object in it does not fit. Raises Unreachable when it is no list."""
-        try:
-            return self._read_page(body)
-        except RecursionError:
-            return self._read_page(shallow(body))
+        return decode_nested(self._read_page, body)
 
     def _read_page(self, body: bytes) -> "Page[Read[T]]":
         try:
@@ -223,10 +194,7 @@ class WatchDecoder(Generic[T]):
                 return WatchEvent(kind, obj, self.identify(obj))
         except (msgspec.DecodeError, UnicodeDecodeError, KeyError, TypeError, RecursionError):
             pass
-        try:
-            return self._unusual(line)
-        except RecursionError:
-            return self._unusual(shallow(line))
+        return decode_nested(self._unusual, line)
 
     def _read(self, line: bytes) -> tuple[str, T]:
         where = managed(line) if self._fixed_keys else None

@@ -47,6 +47,12 @@ def device_problems(component: Component, at: str) -> Iterator[Problem]:
             )
         if device.mount_as and device.type == GPU:
             yield invalid(f"{where}.mountAs", "its device plugin decides where a GPU is mounted; leave mountAs out")
+        for other in component.devices:
+            if device.mount_as and other.mount_as and device.mount_as.startswith(f"{other.mount_as}/"):
+                yield invalid(
+                    f"{where}.mountAs",
+                    f"{device.mount_as} lies below {other.mount_as}, which is the device {other.name} and no folder; write another path",
+                )
     yield from _reference_problems(component, at)
 
 

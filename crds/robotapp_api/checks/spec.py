@@ -75,6 +75,7 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
         yield Note("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
     if spec.ros2 is not None and not ros_components(spec):
         yield Note("spec.ros2", "has no effect: no component uses ROS (ros: None), so the app takes no domain")
+    yield from _completion_notes(spec)
     if our_scheduler:
         yield from edge_notes(spec.edges)
     for index, component in enumerate(spec.components):
@@ -85,6 +86,19 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
     yield from host_network_notes(spec)
     yield from different_user_notes(spec)
     yield from recording_notes(spec)
+
+
+def _completion_notes(spec: RobotAppSpec) -> Iterator[Note]:
+    """Yields that no job is left that could end an instance, because those that count are suspended."""
+    jobs = [component for component in spec.components if component.job is not None]
+    if spec.completion is not None and spec.completion.success.components:
+        jobs = [component for component in jobs if component.name in spec.completion.success.components]
+    if (spec.completion is not None or spec.matrix is not None) and not any(job.replicas for job in jobs):
+        names = ", ".join(job.name for job in jobs)
+        field = "spec.completion" if spec.completion is not None else "spec.matrix"
+        yield Note(
+            field, f"ends no instance: the jobs that count ({names}) are suspended; write replicas: 1 in one of them"
+        )
 
 
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:

@@ -28,30 +28,11 @@ LABEL_VALUE_OF_ROBOT: Final = f"^(({_VALUE_END}([-A-Za-z0-9_.]|{ROBOT_REFERENCE}
 
 DEVICE_PATH_PATTERN: Final = r"^/dev(/[A-Za-z0-9][A-Za-z0-9._:@+-]*)+$"
 """Where a device appears in containers: below /dev, without `.` and `..`."""
-PATHS_OF_CONTAINERS: Final = tuple(
-    f"/dev/{name}"
-    for name in (
-        "null",
-        "zero",
-        "full",
-        "random",
-        "urandom",
-        "tty",
-        "ptmx",
-        "console",
-        "stdin",
-        "stdout",
-        "stderr",
-        "core",
-        "termination-log",
-    )
-)
-"""Devices and links that the container runtime makes in every container."""
-FOLDERS_OF_CONTAINERS: Final = r"^/dev/(fd|pts|shm|mqueue)(/|$)"
+PATHS_OF_CONTAINERS: Final = "^/dev/(null|zero|full|random|urandom|tty|ptmx|console|stdin|stdout|stderr|core|termination-log|fd|pts|shm|mqueue)(/|$)"
+"""Devices, links and folders that the container runtime makes in every container: a device is neither there nor below."""
 
 
 def is_device_path(text: str) -> bool:
     """Returns whether a device may appear at the path."""
-    if len(text) > 96 or text in PATHS_OF_CONTAINERS or re.search(FOLDERS_OF_CONTAINERS, text):
-        return False
-    return re.fullmatch(DEVICE_PATH_PATTERN, text) is not None
+    is_path = len(text) <= 96 and re.fullmatch(DEVICE_PATH_PATTERN, text) is not None and not text.endswith("\n")
+    return is_path and re.search(PATHS_OF_CONTAINERS, text) is None

@@ -147,7 +147,7 @@ def draw_reach(choices: Choices, scene: Scene) -> None:
     for node in scene.names():
         if choices.chance(70):
             _add_slice(scene, f"{node}-cam", [_make_device("cam0", driver=DRIVERS[1])], pool=node, nodeName=node, driver=DRIVERS[1])  # fmt: skip
-    terms = [{"matchExpressions": choices.some(_EXPRESSIONS, least=1, most=2)} for _ in range(choices.pick((1, 1, 2)))]
+    terms = [{"matchExpressions": choices.some(_EXPRESSIONS, least=1, most=2)}]
     for index in range(choices.pick((1, 2))):
         reach = choices.pick(({"nodeSelector": {"nodeSelectorTerms": terms}}, {"allNodes": True}))
         devices = [_make_device(f"net{index}{number}") for number in range(choices.pick((1, 2)))]

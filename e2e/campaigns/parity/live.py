@@ -185,9 +185,9 @@ class _Arena:
     async def _compare_failures(
         self, numbered: Numbered, settle_s: float, failures: Sequence[tuple[str, str]]
     ) -> list[str]:
-        """Every way in which the two differ on the nodes of devices for which an expression failed, each node alone.
+        """Every way in which the two differ on the nodes whose pools ended the attempts, each node alone.
 
-        An expression may fail on devices of several nodes, and each scheduler names the one that it met first.
+        Pools of several nodes may end an attempt, and each scheduler names the one that it met first.
         """
         unequal: list[str] = []
         for node, message in failures:

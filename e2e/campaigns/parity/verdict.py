@@ -9,7 +9,9 @@ from campaigns.cluster_cases import Case
 from campaigns.reference_scheduler import decide
 
 FOUND = "preemption: found a potential placement"
-FAILED_DEVICE = re.compile(r" on device [^/ ]+/([^/ ]+)/[^/ ]+: CEL runtime error")
+FAILURE = re.compile(
+    r" on device [^/ ]+/([^/ ]+)/[^/ ]+: CEL runtime error|resource pool [^/ ]+/([^/ ]+) is currently (?:being updated|invalid)"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +77,9 @@ def _scores(theirs: Verdict, ours: Verdict) -> list[str]:
 
 
 def list_failures(*verdicts: Verdict) -> list[tuple[str, str]]:
-    """The pool of the device for which each verdict says that an expression failed, with the text; none unless all do."""
-    matches = [FAILED_DEVICE.search(verdict.message) for verdict in verdicts]
-    return [(match[1], match.string) for match in matches if match] if all(matches) else []
+    """The pool that ended each attempt, by itself or by an expression about a device of it, with the text; none unless all did."""
+    matches = [FAILURE.search(verdict.message) for verdict in verdicts]
+    return [(match[1] or match[2], match.string) for match in matches if match] if all(matches) else []
 
 
 def judged(case: Case, theirs: Verdict, ours: Verdict) -> list[str]:

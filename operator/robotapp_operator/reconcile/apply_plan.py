@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.model.names import OPERATOR_MANAGER, Annotation, Reason
+from robotapp_api.model.names import OPERATOR_MANAGER, QUEUE_NAME, Annotation, Reason
 from robotapp_claims.rules.domain import Fence
 from robotapp_client import (
     AlreadyExists,
@@ -85,8 +85,14 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
 
 
 async def stop(client: ApiClient, item: Deployment | Job) -> None:
-    """Scales the Deployment to 0, or suspends the Job, and changes nothing else. Raises StartOver when it has changed."""
+    """Scales the Deployment to 0, or suspends the Job, and changes nothing else. Raises StartOver when it has changed.
+
+    A Job in a queue is deleted, because kueue would resume it.
+    """
     meta = item.metadata
+    if isinstance(item, Job) and QUEUE_NAME in meta.labels:
+        await _delete(client, item)
+        return
     stopped = ("/spec/suspend", True) if isinstance(item, Job) else ("/spec/replicas", 0)
     patch: JsonPatch = [
         {"op": "test", "path": "/metadata/resourceVersion", "value": meta.resource_version},

@@ -137,7 +137,10 @@ class Informers:
         before: Job | None = change.old
         has_ended = item.verdict is not None and (before is None or before.verdict is None)
         is_same = (
-            before is not None and change.new is not None and before.metadata.generation == item.metadata.generation
+            before is not None
+            and change.new is not None
+            and before.metadata.generation == item.metadata.generation
+            and before.status.start_time == item.status.start_time  # the deadline of its instance depends on it
         )
         if not is_same or has_ended or item.is_deleting or (before is not None and _marks(before) != _marks(item)):
             self._children(item)

@@ -25,7 +25,7 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
-from robotapp_operator.plan.diff.jobs import Progress, judge_progress, list_admitted
+from robotapp_operator.plan.diff.jobs import Progress, judge_progress, list_admitted, names_domain
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
@@ -38,7 +38,7 @@ from robotapp_operator.plan.spec.dependencies import describe_wait, unmet_depend
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Pod, Telemetry
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job, Node, Pod, Telemetry
 from robotapp_operator.plan.spec.robot_values import overridden, recorded_overrides
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, name_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import (
@@ -109,7 +109,7 @@ def describe_turn(app: App, instance: str, cache: Cache) -> str:
 
 def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
     """Returns the app as its overrides make it for the instance: by the labels of the robot's primary node, and while that is
-    unknown as the Deployments were rendered, because a robot out of sight must not start anew.
+    unknown as its Deployments and Jobs were rendered, because a robot out of sight must not start anew.
     """
     if not app.spec.overrides:
         return app
@@ -117,7 +117,7 @@ def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
     names = (
         select_overrides(app.spec.overrides, node.metadata.labels)
         if node is not None
-        else recorded_overrides(owned_deployments(app, instance.robot, cache))
+        else recorded_overrides(owned_workloads(app, instance.robot, cache))
     )
     question = f"overridden by {sorted(names.items())}"
     app_of_robot: App = cache.answers.get(app, question, app.annotations, lambda: overridden(app, names))
@@ -196,7 +196,7 @@ def cached_domain(app: App, robot: str, cache: Cache, outcome: DomainOutcome | N
         return _shared_id(app, cache, outcome)
     else:
         claims = cache.domains_held(app.uid, robot)
-        named = _named(owned_deployments(app, robot, cache)) if len(claims) > 1 else ()
+        named = _named(owned_workloads(app, robot, cache)) if len(claims) > 1 else ()
         claim = wanted_claim(view, claims, named=named)
     if claim is None or not claim.standing or claim.spec.domain is None:
         return None
@@ -207,10 +207,11 @@ def _joined_claim(key: AppKey, robot: str, cache: Cache) -> Claim | None:
     owner = cache.sharing.named(key)
     if owner is None:
         return None
-    deployed: dict[str, list[Deployment]] = defaultdict(list)
-    for item in cache.deployments.of(owner.uid).values():
-        deployed[item.metadata.labels.get(Label.INSTANCE, "")].append(item)
-    named = {instance: _named(items) for instance, items in deployed.items()}
+    deployments, jobs, uid = cache.deployments, cache.jobs, owner.uid
+    named = {
+        name: _named((*deployments.of_instance(uid, name).values(), *jobs.of_instance(uid, name).values()))
+        for name in cache.running_instances(uid)
+    }
     return claim_to_join(rules_view(owner), robot, cache.claims.of(owner.uid).values(), named=named)
 
 
@@ -219,8 +220,8 @@ def _rules_view_of(key: AppKey, cache: Cache) -> ClaimsApp | None:
     return rules_view(app) if app else None
 
 
-def _named(deployments: Iterable[Deployment]) -> set[int]:
-    return {number for item in deployments if (number := deployment_domain(item)) is not None}
+def _named(workloads: Iterable[Deployment | Job]) -> set[int]:
+    return {number for item in workloads if names_domain(item) and (number := deployment_domain(item)) is not None}
 
 
 def _shared_id(app: App, cache: Cache, outcome: DomainOutcome | None) -> Domain | None:
@@ -496,12 +497,15 @@ def _in_reach(app: App, instance: Instance, cache: Cache) -> Mapping[str, Teleme
 
 def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
     """The instance's Deployments the app controls, by name."""
-    found = (
-        item
-        for item in cache.deployments.of_instance(app.uid, robot).values()
-        if item.metadata.controller_uid == app.uid
-    )
-    return sorted(found, key=lambda item: item.metadata.name)
+    deployments = cache.deployments.of_instance(app.uid, robot).values()
+    controlled = [item for item in deployments if item.metadata.controller_uid == app.uid]
+    return sorted(controlled, key=lambda item: item.metadata.name)
+
+
+def owned_workloads(app: App, robot: str, cache: Cache) -> list[Deployment | Job]:
+    """Returns the instance's Deployments and Jobs that the app controls."""
+    jobs = cache.jobs.of_instance(app.uid, robot).values()
+    return [*owned_deployments(app, robot, cache), *(job for job in jobs if job.metadata.controller_uid == app.uid)]
 
 
 def _cut_off(app: App, deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -> tuple[str, ...]:

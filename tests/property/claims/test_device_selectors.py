@@ -30,6 +30,7 @@ IDENTITIES = (
     "10c4:ea60:a:b",
     "0x10C4:0xEA60",
     "usb:10c4:ea60",
+    "10c4:ea60:" + "Ü" * 100,
 )
 NAMES = ("usb", "sensor", "sensor-usb-cam", "sensor-cam", "can-can0", "Camera.front", "a" * 63)
 
@@ -46,7 +47,7 @@ wishes = st.builds(
     st.sampled_from(TYPES),
     st.sampled_from(MODELS),
     st.sampled_from(INTERFACES),
-    st.sampled_from((None, *IDENTITIES[1:7])),
+    st.sampled_from((None, *IDENTITIES[1:7], IDENTITIES[-1])),
 )
 devices = st.builds(
     Device,

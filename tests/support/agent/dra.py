@@ -108,6 +108,12 @@ class FakeKubelet:
         reference = claim_reference(name, namespace=namespace, uid=uid)
         return answer_of(await self._call(self.endpoint, f"/{PLUGIN_SERVICE}/NodePrepareResources", reference))
 
+    async def prepare_all(self, *names: str) -> list[Answer]:
+        """Prepares the claims of one pod in one call; answers in their order."""
+        request = b"".join(map(claim_reference, names))
+        reply = await self._call(self.endpoint, f"/{PLUGIN_SERVICE}/NodePrepareResources", request)
+        return [read_answer(entry) for entry in fields(reply)[1]]
+
     async def unprepare(self, name: str, *, namespace: str = "fleet", uid: str = "") -> bytes:
         reference = claim_reference(name, namespace=namespace, uid=uid)
         return await self._call(self.endpoint, f"/{PLUGIN_SERVICE}/NodeUnprepareResources", reference)
@@ -134,6 +140,11 @@ def text(number: int, value: str) -> bytes:
 def answer_of(message: bytes) -> Answer:
     """Reads NodePrepareResourcesResponse with one claim by a reader of its own."""
     (entry,) = fields(message)[1]
+    return read_answer(entry)
+
+
+def read_answer(entry: bytes) -> Answer:
+    """Reads the answer about one claim."""
     parts = fields(entry)
     content = fields(parts[2][0]) if 2 in parts else {}
     devices = [fields(device) for device in content.get(1, [])]

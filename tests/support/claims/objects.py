@@ -18,6 +18,7 @@ from robotapp_claims.rules.objects import (
     Job,
     JobCondition,
     JobMeta,
+    JobSpec,
     JobStatus,
     Meta,
     OwnerReference,
@@ -187,7 +188,7 @@ def job(
             owner_references=owned_by(of),
             creation_timestamp=created,
         ),
-        spec=DeploymentSpec(template=Template(spec=pod_spec(*numbers))),
+        spec=JobSpec(template=Template(spec=pod_spec(*numbers))),
         status=JobStatus(conditions=(ended,) if verdict else ()),
     )
 

@@ -144,6 +144,17 @@ def test_any_usb_device_is_claimed_by_nobody() -> None:
     assert list_problems(args=["x"], requires=[{"type": "usb"}]) == []
 
 
+def test_no_device_is_mounted_below_another_one() -> None:
+    devices = [
+        {"name": name, "type": "serial", "mountAs": path}
+        for name, path in {"arm": "/dev/arm", "j": "/dev/arm/j"}.items()
+    ]
+    (problem,) = list_problems(args=["x"], devices=devices)
+    assert "devices[1].mountAs" in problem
+    assert "/dev/arm/j lies below /dev/arm, which is the device arm and no folder; write another path" in problem
+    assert list_problems(args=["x"], devices=[{**devices[0], "mountAs": "/dev/a"}, devices[1]]) == []
+
+
 INIT = {"name": "init", "image": "i"}
 
 

@@ -29,6 +29,8 @@ class DeviceFile(msgspec.Struct, frozen=True):
     terminal: bool = False
     """A pseudo-terminal: another node with its number opens nothing, so the file itself is mounted."""
     gid: int = 0
+    number: int = 0
+    """Major and minor number; 0 for /dev/zero and its like, which are no hardware and in every container."""
 
 
 def files_of(device: Device, sound_files: Iterable[str]) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from robotapp_agent.driver.rules.refusal import Refusal
+from robotapp_api.model.patterns import is_device_path
 from robotapp_claims.rules.device_attributes import DRIVER
 
 API_VERSION: Final = "devices.robotics.io/v1alpha1"
@@ -14,13 +15,8 @@ KIND: Final = "DeviceConfig"
 VARIABLE_PREFIX: Final = "ROBOTAPP_DEVICE_"
 LONGEST_PARAMETERS: Final = 10_240
 """Bytes; the API's own bound of `opaque.parameters`."""
-STANDARD_FILES: Final = frozenset(
-    {"console", "core", "fd", "full", "mqueue", "null", "ptmx", "pts", "random", "shm", "stderr", "stdin", "stdout"}
-    | {"termination-log", "tty", "urandom", "zero"}
-)
-"""Names below /dev that every container has; a device must not replace them."""
-_VARIABLE: Final = r"^[A-Z_][A-Z0-9_]{0,62}\Z"
-_MOUNT: Final = r"^/dev(/[A-Za-z0-9][-A-Za-z0-9_.:]*){1,8}\Z"
+_VARIABLE: Final = r"^[A-Z0-9_]{1,63}\Z"
+"""What follows the prefix: a device may be called 3d-camera."""
 
 
 class DeviceConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -30,7 +26,7 @@ class DeviceConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rena
     kind: Literal["DeviceConfig"]
     env: Annotated[str, msgspec.Meta(pattern=_VARIABLE)] | None = None
     """The variable ROBOTAPP_DEVICE_<env> holds the path; default: the request's name in upper case."""
-    mount_as: Annotated[str, msgspec.Meta(pattern=_MOUNT, max_length=255)] | None = None
+    mount_as: str | None = None
     """Where a container opens the device; default: its path on the host."""
     network: Literal["Host"] | None = None
     """The pod uses the node's network, where it finds network interfaces without our help."""
@@ -97,6 +93,9 @@ def _parse(parameters: bytes, request: str) -> DeviceConfig | Refusal:
             f"{place} cannot be used: {error}. Write apiVersion: {API_VERSION}, kind: {KIND} and of env (such as LIDAR), mountAs "
             "(such as /dev/lidar) and network: Host what is needed"
         )
-    if config.mount_as and config.mount_as.split("/")[2] in STANDARD_FILES:
-        return Refusal(f"{place}: mountAs {config.mount_as} is a file that every container has; write another path")
+    if config.mount_as and not is_device_path(config.mount_as):
+        return Refusal(
+            f"{place}: mountAs {config.mount_as[:96]} is no path for a device; write one below /dev, such as /dev/lidar, of letters, digits "
+            "and . _ : @ + -, that not every container has"
+        )
     return config

@@ -18,6 +18,9 @@ class PreparedDevice(msgspec.Struct, frozen=True):
     mount_as: str = ""
     admin: bool = False
     """Admin access: beside whoever has the device, so it neither takes nor respects the lock."""
+    numbers: tuple[int, ...] = ()
+    """Numbers of its device files when it was seen last. When it is unplugged, the kernel gives them to another device, which the container
+    that lost this one can open then."""
 
 
 class PreparedClaim(msgspec.Struct, frozen=True):
@@ -49,12 +52,15 @@ class Held(NamedTuple):
 
     device: str
     holder: PreparedClaim
+    former: str = ""
+    """The holder's own device, where that is another one: unplugged, and its device file is now that of `device`."""
 
     def explain(self, *, node: str, namespace: str) -> str:
         """Reason for the events of a pod of `namespace`, which must not learn names of other namespaces."""
         holder = self.holder
         holder_text = f"claim {holder.name}" if holder.namespace == namespace else "a claim of another namespace"
-        return f"device {self.device} of node {node} is in use by {holder_text}; the pod starts when it is free"
+        reason = f" for {self.former}, which was unplugged and had the same device file" if self.former else ""
+        return f"device {self.device} of node {node} is in use by {holder_text}{reason}; the pod starts when it is free"
 
 
 class Ledger(msgspec.Struct, frozen=True):
@@ -67,10 +73,16 @@ class Ledger(msgspec.Struct, frozen=True):
         """The first claim that has one of this claim's devices; pods that name the same claim share it."""
         device_ids = claim.device_ids
         for other in self.claims.values():
-            if other.uid != claim.uid:
-                for device in other.devices:
-                    if device.device in device_ids and not device.admin:
-                        return Held(device.device, other)
+            if other.uid == claim.uid:
+                continue
+            for device in other.devices:
+                if device.admin:
+                    continue
+                if device.device in device_ids:
+                    return Held(device.device, other)
+                twin = _find_twin(claim, device) if other.is_prepared(claim.boot_id) else ""
+                if twin:
+                    return Held(twin, other, device.device)
         return None
 
     def find_former_device(self, claim: PreparedClaim) -> str:
@@ -112,3 +124,9 @@ class Ledger(msgspec.Struct, frozen=True):
     def device_ids(self) -> frozenset[str]:
         """Devices that claims have, or had last."""
         return frozenset(device.device for claim in self.claims.values() for device in claim.devices)
+
+
+def _find_twin(claim: PreparedClaim, device: PreparedDevice) -> str:
+    """Returns the device of the claim that has a device file with a number of this one's, "" for none."""
+    twins = (one.device for one in claim.devices if not one.admin and not set(one.numbers).isdisjoint(device.numbers))
+    return next(twins, "")

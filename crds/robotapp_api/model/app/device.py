@@ -6,7 +6,7 @@ from pydantic import Field, StringConstraints, WithJsonSchema
 
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Rule
-from robotapp_api.model.patterns import DEVICE_PATH_PATTERN, FOLDERS_OF_CONTAINERS, PATHS_OF_CONTAINERS
+from robotapp_api.model.patterns import DEVICE_PATH_PATTERN, PATHS_OF_CONTAINERS
 from robotapp_api.model.scalars import DnsLabel, ShortText, Token
 
 OnLoss = Literal["Keep", "Restart", "Reschedule"]
@@ -22,7 +22,7 @@ DevicePath = Annotated[
         message="write a path below /dev, such as /dev/lidar, of letters, digits and . _ : @ + -",
     ),
     Rule(
-        rule=f"!(self in {[*PATHS_OF_CONTAINERS]}) && !self.matches('{FOLDERS_OF_CONTAINERS}')",
+        rule=f"!self.matches('{PATHS_OF_CONTAINERS}')",
         message="every container has this path already; write another one, such as /dev/lidar",
     ),
 ]

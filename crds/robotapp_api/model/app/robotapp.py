@@ -71,7 +71,8 @@ class Completion(Model):
     success: Success = Success()
     """Which jobs must complete."""
     deadline: Duration | None = None
-    """How long the jobs may take together, from the first one's creation; then the instance has failed. Absent means no limit."""
+    """How long the jobs may take together, from the first one's creation; then the instance has failed. Time in which they are suspended or
+    wait in a queue does not count. Absent means no limit."""
 
 
 class RobotAppSpec(Model):

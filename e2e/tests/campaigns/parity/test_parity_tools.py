@@ -161,6 +161,10 @@ def test_devices_of_failed_expressions_are_compared_on_their_own_node_alone() ->
     theirs, ours = failing("n0"), failing("n1")
     assert list_failures(theirs, ours) == [("n0", theirs.message), ("n1", ours.message)]
     assert list_failures(theirs, Verdict(message="0/2 nodes are available")) == []
+    incomplete = Verdict(
+        message="asks for all devices, but resource pool gpu.example.com/n2 is currently being updated"
+    )
+    assert list_failures(incomplete) == [("n2", incomplete.message)]
     objects = [each for each in full_nodes("2", "2").objects if each["kind"] in {"Node", "Pod"}]
     kept_case = keep_node(Case(("preemption",), tuple(objects)), "n1")
     assert [each["metadata"]["name"] for each in kept_case.objects] == ["n1", "low1", "new"]

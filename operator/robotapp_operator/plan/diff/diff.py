@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from robotapp_api.model.names import Annotation, Label
+from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
 from robotapp_claims.rules.identity import domain_literal
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.diff.jobs import (
@@ -13,6 +13,7 @@ from robotapp_operator.plan.diff.jobs import (
     amend_job,
     end_at_once,
     limit_time,
+    must_delete,
     must_replace,
 )
 from robotapp_operator.plan.diff.newer import (
@@ -146,7 +147,7 @@ def plan(
         elif isinstance(over, Job):
             if over.is_deleting:
                 continue  # its successor is made when its last pod has ended
-            if must_replace(app, child, over, version=version):
+            if must_replace(app, child, over, version=version) or must_delete(app, child, over, progress):
                 replaced.append(over)
             elif (job_spec := _change_job(app, child, over, progress)) is not None:
                 changes.append(Change(child, over, job_spec))
@@ -178,8 +179,8 @@ def _change_job(app: App, child: Child, job: Job, progress: Progress) -> dict[st
     if job.verdict is not None:
         return None
     if progress.ending is None:
-        return amend_job(app, child, job)
-    spec = end_at_once(app, job)
+        return amend_job(app, child, job, progress)
+    spec = end_at_once(job)
     return None if spec == job.spec else spec
 
 
@@ -214,7 +215,9 @@ def still_running(uid: str, observed: Mapping[ChildRef, Observed]) -> list[Deplo
 
 
 def _wants_pods(item: Deployment | Job) -> bool:
-    return item.may_run if isinstance(item, Job) else bool(item.spec.get("replicas", 1))
+    if isinstance(item, Job):
+        return item.may_run or (item.verdict is None and QUEUE_NAME in item.metadata.labels)  # kueue resumes it
+    return bool(item.spec.get("replicas", 1))
 
 
 def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]]) -> bool:

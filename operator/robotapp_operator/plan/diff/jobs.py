@@ -5,6 +5,7 @@ itself: neither another version of the operator nor another domain or ConfigMap 
 """
 
 import dataclasses
+import math
 from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any, Final, NamedTuple, TypeGuard
@@ -24,7 +25,10 @@ from robotapp_operator.plan.spec.objects import Deployment, Job
 _AT_ONCE: Final = 1
 """Deadline in seconds that ends a job whose instance has ended."""
 _SUSPEND: Final = "suspend"
-_MUTABLE: Final = (_SUSPEND, "backoffLimit", "activeDeadlineSeconds")
+_TIME_LIMIT: Final = "activeDeadlineSeconds"
+_MUTABLE: Final = (_SUSPEND, "backoffLimit", _TIME_LIMIT)
+_ROUNDING_S: Final = 5
+"""A limit that differs by less is not written anew: a Job starts a moment after its limit was computed."""
 
 
 class Progress(NamedTuple):
@@ -70,7 +74,7 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime) -> Pr
     states = {name: job.state for name, job in jobs.items()}
     deadline = deadline_of(rules, states)
     left = deadline - now if deadline is not None else rules.deadline
-    left_s = max(_AT_ONCE, int(left.total_seconds())) if left is not None else None
+    left_s = max(_AT_ONCE, math.ceil(left.total_seconds())) if left is not None else None
     return Progress(jobs, find_ending(rules, states, now=now), deadline, left_s)
 
 
@@ -91,15 +95,23 @@ def limit_time(child: Child, progress: Progress) -> Child:
     """Returns a new Job that ends by the deadline of its instance, also while no operator runs."""
     if progress.left_s is None:
         return child
-    limit = "activeDeadlineSeconds"
-    seconds = min(progress.left_s, child.spec.get(limit, progress.left_s))
-    return dataclasses.replace(child, spec={**child.spec, limit: seconds})
+    seconds = min(progress.left_s, child.spec.get(_TIME_LIMIT, progress.left_s))
+    return dataclasses.replace(child, spec={**child.spec, _TIME_LIMIT: seconds})
 
 
-def end_at_once(app: App, job: Job) -> dict[str, Any]:
-    """Returns the spec with which the Job controller ends the job, so that it is on record that it has ended."""
-    resumed = {} if is_queued(app, job) else {_SUSPEND: False}
-    return {**job.spec, **resumed, "activeDeadlineSeconds": _AT_ONCE}
+def end_at_once(job: Job) -> dict[str, Any]:
+    """Returns the spec with which the Job controller ends a job that runs, so that it is on record that it has ended."""
+    return {**job.spec, _TIME_LIMIT: _AT_ONCE}
+
+
+def must_delete(app: App, child: Child, job: Job, progress: Progress) -> bool:
+    """Whether the job waits although its instance has ended, and would have to run to end; or must not run, and kueue, whose label the
+    app has no more, would resume it.
+    """
+    if job.verdict is not None:
+        return False
+    is_left_in_queue = QUEUE_NAME in job.metadata.labels and not app.queue
+    return job.is_suspended if progress.ending is not None else is_left_in_queue and child.spec[_SUSPEND] is True
 
 
 def is_queued(app: App, job: Job) -> bool:
@@ -126,19 +138,30 @@ def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
     return bool(domains and domain_literals(job.spec) - domains) or binding_rules(job.spec) != binding_rules(child.spec)
 
 
-def amend_job(app: App, child: Child, job: Job) -> dict[str, Any] | None:
+def amend_job(app: App, child: Child, job: Job, progress: Progress) -> dict[str, Any] | None:
     """Returns the spec with what may change while the job runs, None where nothing differs."""
-    completion = app.spec.completion
-    has_deadline = completion is not None and completion.deadline is not None
-    left_out = {"activeDeadlineSeconds"} if has_deadline else set()
-    left_out |= {_SUSPEND} if is_queued(app, job) else set()
-    fields = [field for field in _MUTABLE if field not in left_out]
-    wanted = {field: child.spec.get(field) for field in fields}
+    wanted = {field: child.spec.get(field) for field in _MUTABLE}
+    if is_queued(app, job):
+        del wanted[_SUSPEND]
+    if app.spec.completion is not None and app.spec.completion.deadline is not None:
+        wanted[_TIME_LIMIT] = _find_time_limit(child, job, progress)
     spec = job.spec
     if all(spec.get(field) == value for field, value in wanted.items()):
         return None
     spec |= wanted
     return {field: value for field, value in spec.items() if value is not None}
+
+
+def _find_time_limit(child: Child, job: Job, progress: Progress) -> int | None:
+    """Returns the seconds from the job's start to the deadline of its instance, or its own limit where that is earlier."""
+    present: int | None = job.spec.get(_TIME_LIMIT)
+    state = job.state
+    if progress.deadline is None or not (state.started or state.created):
+        return present
+    left = progress.deadline - datetime.fromisoformat(state.started or state.created)
+    seconds = max(_AT_ONCE, math.ceil(left.total_seconds()))
+    seconds = min(seconds, child.spec.get(_TIME_LIMIT, seconds))
+    return present if present is not None and abs(present - seconds) < _ROUNDING_S else seconds
 
 
 def names_domain(item: object) -> TypeGuard[Deployment | Job]:

@@ -31,8 +31,9 @@ def component_deployments(
         if component.job is not None:
             continue
         state, starts = parameters.get(component.name, NONE), master_starts.get(component.name, "")
-        template = pod_template(component, desired, domain=domain, state=state, master_starts=starts)
-        if component.name in claiming:
+        by_claim = component.name in claiming
+        template = pod_template(component, desired, domain=domain, state=state, master_starts=starts, by_claim=by_claim)
+        if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.name not in waiting
         children.append(_deployment(component, desired, template, state=state, running=is_running))
@@ -54,8 +55,10 @@ def component_jobs(
     for component in desired.app.spec.components:
         if component.job is None:
             continue
-        template = pod_template(component, desired, domain=domain, state=parameters.get(component.name, NONE))
-        if component.name in claiming:
+        by_claim = component.name in claiming and component.name not in ended
+        state = parameters.get(component.name, NONE)
+        template = pod_template(component, desired, domain=domain, state=state, by_claim=by_claim)
+        if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.replicas > 0 and component.name not in {*waiting, *ended}
         if desired.app.queue and not is_running and component.name not in ended:

@@ -14,9 +14,10 @@ from robotapp_api.values.placement.component_nodes import (
     tier_terms,
 )
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS
-from robotapp_api.values.placement.tiers import KEEP, on_disconnect
+from robotapp_api.values.placement.tiers import KEEP, ROBOT, on_disconnect
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.toleration import HARD_EFFECTS, tolerates
+from robotapp_claims.rules.device import claimed
 from robotapp_operator.plan.render.child import component_labels, selector
 from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.objects import Taint, Toleration
@@ -76,14 +77,14 @@ def scheduling_gates(desired: Desired) -> dict[str, Any]:
     return {} if desired.app.our_scheduler else {"schedulingGates": [{"name": SCHEDULING_GATE}]}
 
 
-def affinity(component: Component, desired: Desired) -> dict[str, Any]:
-    """Affinity of the component's pods, {} when nothing is required.
+def affinity(component: Component, desired: Desired, *, by_claim: bool = False) -> dict[str, Any]:
+    """Affinity of the component's pods, {} when nothing is required. by_claim: a ResourceClaim chooses its devices, so no label does.
 
     Our scheduler reads devices, requirements, colocateWith, sharedData.with and separateFrom from the RobotApp and explains refusals in
     their words; only other schedulers get them as labels and pod affinity.
     """
     result: dict[str, Any] = {}
-    terms = _node_terms(component, desired)
+    terms = _node_terms(component, desired, by_claim=by_claim)
     if terms:
         result["nodeAffinity"] = required_nodes(terms)
     if desired.app.our_scheduler:
@@ -96,9 +97,11 @@ def affinity(component: Component, desired: Desired) -> dict[str, Any]:
     return result
 
 
-def nodes_for(component: Component, desired: Desired, nodes: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
-    """Which nodes the pods' own requirements admit. nodes: labels by name."""
-    terms = [{"matchExpressions": term} for term in _node_terms(component, desired) or [[]]]
+def nodes_for(
+    component: Component, desired: Desired, nodes: Mapping[str, Mapping[str, str]], *, by_claim: bool = False
+) -> frozenset[str]:
+    """Returns the nodes that the pods' own requirements admit. nodes: labels by name; by_claim: as for `affinity`."""
+    terms = [{"matchExpressions": term} for term in _node_terms(component, desired, by_claim=by_claim) or [[]]]
     chosen = component.template.spec.node_selector.items()
     return frozenset(
         name
@@ -118,20 +121,34 @@ def _toleration(written: Mapping[str, Any]) -> Toleration:
     return Toleration(*(str(written.get(name) or "") for name in ("key", "operator", "value", "effect")))
 
 
-def _node_terms(component: Component, desired: Desired) -> list[list[dict[str, Any]]]:
-    """Which tiers are allowed, and for other schedulers which hardware."""
-    common: list[dict[str, Any]] = [] if desired.app.our_scheduler else list(_hardware(component))
+def _node_terms(component: Component, desired: Desired, *, by_claim: bool) -> list[list[dict[str, Any]]]:
+    """Returns terms for the allowed tiers, and for other schedulers for the hardware."""
+    common: list[dict[str, Any]] = []
+    if not desired.app.our_scheduler:
+        common = [*_hardware(component, by_claim=by_claim), *_keep_to_the_robot(component, desired)]
     terms = tier_terms(component.runs_on, desired.robot_name)
     if not terms:
         return [common] if common else []
     return [[*term, *common] for term in terms]
 
 
-def _hardware(component: Component) -> Iterable[dict[str, Any]]:
+def _hardware(component: Component, *, by_claim: bool) -> Iterable[dict[str, Any]]:
     for device in component.devices:
-        yield _labelled(device.type, device.interface, device.model)
+        if not (by_claim and claimed(device)):
+            yield _labelled(device.type, device.interface, device.model)
     for requirement in component.requires:
         yield _labelled(requirement.type, requirement.interface, requirement.model)
+
+
+def _keep_to_the_robot(component: Component, desired: Desired) -> Iterable[dict[str, Any]]:
+    """Yields where partners that run on the robot alone let the component run, whichever of them is placed first."""
+    partners = neighbours_of(desired.app.spec).get(component.name, NO_NEIGHBOURS)
+    robot_components = {other.name for other in desired.app.spec.components if tuple(other.runs_on) == (ROBOT,)}
+    if desired.robot_name and component.name not in robot_components:
+        if robot_components & {*partners.together}:
+            yield is_in(Label.ROBOT, desired.robot_name)
+        if robot_components & {*partners.apart}:
+            yield {"key": Label.ROBOT.value, "operator": "NotIn", "values": [desired.robot_name]}
 
 
 def _labelled(kind: str, interface: str, model: str) -> dict[str, Any]:

@@ -39,9 +39,18 @@ PEER_WAIT_S: Final = 10
 
 
 def pod_template(
-    component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState, master_starts: str = ""
+    component: Component,
+    desired: Desired,
+    *,
+    domain: Domain | None,
+    state: ParameterState,
+    master_starts: str = "",
+    by_claim: bool = False,
 ) -> dict[str, Any]:
-    """Labels, annotations and spec of the component's pods. master_starts: those for which they were restarted."""
+    """Returns labels, annotations and spec of the component's pods.
+
+    master_starts: those for which they were restarted. by_claim: their devices come by a ResourceClaim.
+    """
     template = component.template.spec
     annotations = component.template.metadata.annotations | parameter_annotations(component, desired, state)
     if domain is not None and domain.claim and desired.app.uses_ros(component):
@@ -61,7 +70,7 @@ def pod_template(
         "securityContext": template.security_context,
         "imagePullSecrets": list(template.image_pull_secrets),
         "nodeSelector": template.node_selector,
-        "affinity": affinity(component, desired),
+        "affinity": affinity(component, desired, by_claim=by_claim),
         "tolerations": tolerations(component, desired),
         "initContainers": [
             *(_waiting(component, desired) if desired.app.uses_ros(component) else ()),

@@ -214,7 +214,9 @@ class App:
             ],
             "completion": dump(self.spec.completion) if self.spec.completion else None,
         }
-        return completion_rules_of(msgspec.convert({"metadata": {}, "spec": body}, ClaimsApp))
+        return completion_rules_of(
+            msgspec.convert({"metadata": {"generation": self.generation}, "spec": body}, ClaimsApp)
+        )
 
     @functools.cached_property
     def run_hashes(self) -> Mapping[str, str]:

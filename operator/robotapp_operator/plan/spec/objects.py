@@ -111,6 +111,7 @@ class Deployment(Spec):
 
 class JobStatus(Struct):
     conditions: list[ObjectCondition] = []
+    start_time: str | None = None
 
 
 class Job(Spec):
@@ -151,7 +152,15 @@ class Job(Spec):
             generation=int(generation) if generation.isdecimal() else 0,
             verdict=self.verdict.type if self.verdict else "",
             ended=(self.verdict.last_transition_time or "") if self.verdict else "",
+            reason=self.verdict.reason if self.verdict else "",
+            started=self.status.start_time or "",
+            suspended=self.is_suspended or self._is_stopped,
         )
+
+    @property
+    def _is_stopped(self) -> bool:
+        """Whether the Job controller has stopped it, and has not yet started it again."""
+        return any(one.type == claims.SUSPENDED and one.status == "True" for one in self.status.conditions)
 
 
 def pod_spec(deployment: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -8,7 +8,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.overrides import OverrideNames, apply_overrides
 from robotapp_api.values.references import Values, expand, expand_sources
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment
+from robotapp_operator.plan.spec.objects import Deployment, Job
 
 _IN_CONTAINERS: Final = ("env", "envFrom")
 _CONTAINERS: Final = ("initContainers", "containers")
@@ -57,10 +57,10 @@ def overridden(app: App, names: OverrideNames) -> App:
     return dataclasses.replace(app, spec=apply_overrides(app.spec, names), overrides=names)
 
 
-def recorded_overrides(deployments: Iterable[Deployment]) -> Mapping[str, tuple[str, ...]]:
-    """Returns the overrides that the Deployments of an instance were rendered with, for a robot whose node is out of sight."""
+def recorded_overrides(workloads: Iterable[Deployment | Job]) -> Mapping[str, tuple[str, ...]]:
+    """Returns the overrides that the Deployments and Jobs of an instance were rendered with, for a robot whose node is out of sight."""
     names: dict[str, tuple[str, ...]] = {}
-    for item in deployments:
+    for item in workloads:
         component = item.metadata.labels.get(Label.COMPONENT, "")
         text = item.metadata.annotations.get(Annotation.OVERRIDES, "")
         if component and text:

@@ -87,7 +87,7 @@ def device_trouble(
     places, labels = Places(telemetry), {name: node.metadata.labels for name, node in nodes.items()}
     for component in app.spec.components:
         devices = [device for device in component.devices if device.type != GPU]
-        admitted = nodes_for(component, desired, labels) if devices else frozenset[str]()
+        admitted = nodes_for(component, desired, labels, by_claim=True) if devices else frozenset[str]()
         for device in devices:
             fitting = places.of(device, admitted)
             if not claimed(device):
@@ -125,7 +125,7 @@ def missing_device(
         wishes = [device for device in component.devices if device.type != GPU]
         if component.name not in components or not wishes or nodes_for(component, desired, unreported):
             continue
-        admitted = nodes_for(component, desired, labels)
+        admitted = nodes_for(component, desired, labels, by_claim=True)
         for device in wishes:
             if not places.of(device, admitted):
                 reports = {name: telemetry[name].status.devices for name in admitted}

@@ -332,7 +332,11 @@ class ClaimCache:
         uid = claim.metadata.uid
         key = self._spec_keys.get(uid)
         if key is None:
-            key = self._spec_keys[uid] = msgspec.json.encode(claim.spec)
+            try:
+                key = msgspec.json.encode(claim.spec)
+            except RecursionError:  # parameters as deep as the decoder went: it had more of the stack left
+                key = uid.encode()
+            self._spec_keys[uid] = key
         return key
 
     # --- Inside ----------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Final
 
 from robotapp_api.model.names import GROUP, Label
+from robotapp_scheduler.core.api.core_v1 import controller_of
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import find_robotapp, is_reserved_for
 from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim, ResourceClaimConsumerReference
@@ -19,6 +20,16 @@ _ROBOTAPPS: Final = (GROUP, "robotapps")
 def is_standing(claim: ResourceClaim) -> bool:
     """Returns whether the claim is allocated and a RobotApp is among its users."""
     return claim.status.allocation is not None and any(_is_robotapp(user) for user in _list_consumers(claim))
+
+
+def find_standing_app(claim: ResourceClaim) -> tuple[str, str] | None:
+    """Finds name and uid of the RobotApp for which the claim keeps its allocation: its owner, and for an orphan the one that was its owner.
+
+    `kubectl delete --cascade=orphan` takes the owner away; the orphan's device would be kept for ever, without a pod and without an app.
+    """
+    if controller_of(claim.metadata.owner_references) is not None:
+        return find_robotapp(claim)
+    return next(((user.name, user.uid) for user in claim.status.reserved_for if _is_robotapp(_name_kind(user))), None)
 
 
 def list_predecessors(claim: ResourceClaim, uid: str) -> tuple[ResourceClaimConsumerReference, ...]:
@@ -58,10 +69,10 @@ def explain_predecessor(claim: ResourceClaim, user: ResourceClaimConsumerReferen
 def find_release_reason(claim: ResourceClaim, app: RobotApp | None, *, exists: Callable[[str], bool]) -> str:
     """Finds why the allocation of a claim with a standing consumer is given back, "" while it is kept.
 
-    `app` is the RobotApp of the claim's owner reference, None when there is none any more. While a pod is among the users, the
+    `app` is the RobotApp that `find_standing_app` names, None when there is none any more. While a pod is among the users, the
     allocation is kept: a device is not taken from a container. `exists` tells whether there is a node of this name.
     """
-    owner = find_robotapp(claim)
+    owner = find_standing_app(claim)
     if owner is None or not is_standing(claim) or not all(map(_is_robotapp, _list_consumers(claim))):
         return ""
     if claim.metadata.deletion_timestamp is not None:
@@ -97,7 +108,11 @@ def _find_node_reason(claim: ResourceClaim, exists: Callable[[str], bool]) -> st
 
 
 def _list_consumers(claim: ResourceClaim) -> tuple[tuple[str, str], ...]:
-    return tuple((user.api_group, user.resource) for user in claim.status.reserved_for)
+    return tuple(map(_name_kind, claim.status.reserved_for))
+
+
+def _name_kind(user: ResourceClaimConsumerReference) -> tuple[str, str]:
+    return user.api_group, user.resource
 
 
 def _is_robotapp(consumer: tuple[str, str]) -> bool:

@@ -98,6 +98,8 @@ class ClaimWriter:
                 await self._bind_claim(pod, planned_claim)
             except (UnwritableError, ClientError) as error:
                 return str(error)
+            except RecursionError:
+                return f"parameters of a driver in claim {planned_claim.claim} are nested too deep: write them flatter"
         return ""
 
     async def release(self, pod: PodInfo, plan: ClaimPlan) -> None:

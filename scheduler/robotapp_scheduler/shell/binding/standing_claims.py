@@ -7,9 +7,12 @@ from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_client.transport.errors import ClientError, Conflict, NotFound, means_gone
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.core.dynamic_resources.claims_of_pods import find_robotapp
 from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
-from robotapp_scheduler.core.dynamic_resources.standing_consumers import find_release_reason, is_standing
+from robotapp_scheduler.core.dynamic_resources.standing_consumers import (
+    find_release_reason,
+    find_standing_app,
+    is_standing,
+)
 from robotapp_scheduler.core.robotics.app_index import read_app
 from robotapp_scheduler.shell.binding.claim_writer import ClaimWriter, UnwritableError
 
@@ -66,13 +69,13 @@ class StandingClaims:
         return find_release_reason(claim, app, exists=lambda name: name in row_of)
 
     def _find_cached_app(self, claim: ResourceClaim) -> RobotApp | None:
-        owner = find_robotapp(claim)
+        owner = find_standing_app(claim)
         app = self._cache.apps.app(owner[1]) if owner is not None else None
         return app.source if app is not None else None
 
     async def _read_app(self, claim: ResourceClaim) -> RobotApp | None:
         """The claim's app as the API server has it now, None when it is gone. Raises ClientError."""
-        owner = find_robotapp(claim)
+        owner = find_standing_app(claim)
         if owner is None:
             return None
         try:

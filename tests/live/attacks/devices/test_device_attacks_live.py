@@ -69,6 +69,18 @@ def test_a_claim_is_not_born_with_an_allocation(attackers: Attackers) -> None:
     assert "allocation" not in stored.get("status", {})
 
 
+def test_the_claim_of_an_app_stays_one_whatever_a_single_write_takes_away(attackers: Attackers) -> None:
+    """Without label and owner nobody would give its device back any more."""
+    labels = {"robotics.io/app-uid": "u", "robotics.io/instance": "robot-1", "robotics.io/component": "driver"}
+    body = claim_body() | {"apiVersion": RESOURCE_CLAIM.version, "kind": RESOURCE_CLAIM.kind}
+    body["metadata"] = {"name": "of-app", "labels": labels}
+    attackers.apis["operator"].create(RESOURCE_CLAIM.path(attackers.namespaces["own"]), body)
+    path = RESOURCE_CLAIM.path(attackers.namespaces["own"], "of-app")
+    text = refusal(attackers.apis["tenant"].patch, path, {"metadata": {"labels": None}})
+    assert "labels app-uid, instance and component of a RobotApp's ResourceClaim never change" in text
+    assert attackers.admin.get(path)["metadata"]["labels"] == labels
+
+
 def test_the_admin_of_a_namespace_cannot_allow_it_admin_access(attackers: Attackers) -> None:
     path = NAMESPACE.path("", attackers.namespaces["own"])
     assert "cannot patch resource" in refusal(attackers.apis["tenant"].patch, path, ADMIN_ACCESS)

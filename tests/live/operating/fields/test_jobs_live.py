@@ -2,6 +2,7 @@
 
 import secrets
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
@@ -49,8 +50,18 @@ def wait_phase(tenant: Tenant, name: str, phase: str) -> dict[str, Any]:
     )
 
 
+def elapsed_s(time: str) -> float:
+    return (datetime.now(UTC) - datetime.fromisoformat(time)).total_seconds()
+
+
 def jobs_of(tenant: Tenant) -> dict[str, dict[str, Any]]:
     return {job["metadata"]["labels"][Label.COMPONENT]: job for job in tenant.listed("batch/jobs")}
+
+
+def limit_of(tenant: Tenant, component: str) -> int:
+    """The seconds that a component's Job may take, 0 without a Job."""
+    limit: int = jobs_of(tenant).get(component, {}).get("spec", {}).get("activeDeadlineSeconds", 0)
+    return limit
 
 
 def domains_of(tenant: Tenant) -> list[dict[str, Any]]:
@@ -147,7 +158,32 @@ def test_jobs_that_are_not_done_at_the_deadline_are_ended(unplaced: Tenant, ids:
     wait_phase(unplaced, "late", "Failed")
     eventually(lambda: unplaced.deployments() == [], what=unplaced.children)
     eventually(lambda: not domains_of(unplaced), what=unplaced.claims)
-    assert unplaced.condition("late", "Ready")["reason"] in ("DeadlineExceeded", "JobFailed")
+    eventually(
+        lambda: any(each["type"] == "Failed" for each in jobs_of(unplaced)["save"]["status"].get("conditions", ())),
+        what=lambda: jobs_of(unplaced),
+    )
+    assert unplaced.condition("late", "Ready")["reason"] == "DeadlineExceeded"
+    unplaced.edit(
+        "late", completion={"deadline": "10m"}, components=[part("driver"), part("save", job={}, args=["again"])]
+    )
+    eventually(lambda: limit_of(unplaced, "save") > 3, what=lambda: jobs_of(unplaced))
+    assert limit_of(unplaced, "save") in range(590, 601)
+
+
+def test_the_time_of_a_suspended_app_does_not_count_for_its_deadline(unplaced: Tenant, ids: str) -> None:
+    unplaced.apply(
+        "paused", part("save", job={}), ros2={"pool": ids}, schedulerName="nobody", completion={"deadline": "15s"}
+    )
+    eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
+    unplaced.edit("paused", suspend=True)
+    wait_phase(unplaced, "paused", "Suspended")
+    created = jobs_of(unplaced)["save"]["metadata"]["creationTimestamp"]
+    eventually(lambda: elapsed_s(created) > 18, what=unplaced.children)
+    assert not unplaced.listed("pods")
+    unplaced.edit("paused", suspend=False)
+    eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
+    wait_phase(unplaced, "paused", "Failed")
+    assert unplaced.condition("paused", "Ready")["reason"] == "DeadlineExceeded"
 
 
 def test_a_suspended_app_suspends_its_jobs_and_goes_on_with_them(unplaced: Tenant, ids: str) -> None:

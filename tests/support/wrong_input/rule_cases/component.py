@@ -93,7 +93,7 @@ COMPONENT = [
     RuleCase(
         "a device replaces none that every container has",
         _devices({"name": "a", "mountAs": "/dev/null0"}),
-        _devices({"name": "a", "mountAs": "/dev/pts/0"}),
+        _devices({"name": "a", "mountAs": "/dev/null/0"}),
         "every container has this path already; write another one, such as /dev/lidar",
     ),
     RuleCase(

@@ -10,6 +10,7 @@ from robotapp_agent.devices.device import Device
 from robotapp_agent.driver.rules.allocation import ResourceClaim, plan_preparation
 from robotapp_agent.driver.rules.ledger import PreparedClaim
 from robotapp_agent.driver.rules.refusal import Refusal
+from robotapp_api.model.patterns import is_device_path
 
 OTHER = "serial-10c4-ea60-7"
 
@@ -56,6 +57,12 @@ def test_a_configuration_counts_for_its_requests_and_later_ones_win() -> None:
 def test_the_configuration_of_a_request_counts_for_the_chosen_alternative() -> None:
     body = claim("driver", result("lidar/cheap"), configs=[config(["lidar"], mountAs="/dev/lidar")])
     assert planned(body).devices[0].mount_as == "/dev/lidar"
+
+
+@pytest.mark.parametrize("path", ["/dev/serial/by-id/usb-FTDI_A5:1.0-if00@x+y", "/dev/a/b/c/d/e/f/g/h/i/j"])
+def test_a_path_that_the_api_of_robotapps_takes_is_a_path_of_a_device(path: str) -> None:
+    assert is_device_path(path)
+    assert planned(claim("driver", configs=[config(mountAs=path)])).devices[0].mount_as == path
 
 
 def test_devices_of_other_drivers_in_the_same_claim_are_left_to_them() -> None:

@@ -2,7 +2,8 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.agent.dra import NODE, device, prepared
+from msgspec.structs import replace
+from tests.support.agent.dra import BOOT, NODE, device, prepared
 
 from robotapp_agent.driver.rules.ledger import Held, Ledger, PreparedClaim
 
@@ -15,6 +16,26 @@ def test_a_device_of_one_claim_is_refused_to_another() -> None:
     assert held.explain(node=NODE, namespace="fleet") == (
         f"device {device().id} of node robot-1 is in use by claim first; the pod starts when it is free"
     )
+
+
+def numbered(name: str, device_id: str, *numbers: int, boot_id: str = BOOT) -> PreparedClaim:
+    claim = prepared(name, device_id, boot_id=boot_id)
+    return replace(claim, devices=tuple(replace(device, numbers=numbers) for device in claim.devices))
+
+
+def test_a_device_with_the_file_of_one_that_a_container_lost_is_refused_until_that_has_ended() -> None:
+    """The container's rules still let it open this number, and drivers try the path again and again."""
+    ledger = Ledger().prepare(numbered("first", "serial-lost", 7, 8))
+    assert isinstance(ledger, Ledger)
+    held = ledger.prepare(numbered("second", "serial-new", 8))
+    assert isinstance(held, Held)
+    assert held.explain(node=NODE, namespace="fleet") == (
+        "device serial-new of node robot-1 is in use by claim first for serial-lost, which was unplugged and had the same device file; "
+        "the pod starts when it is free"
+    )
+    assert isinstance(ledger.prepare(numbered("second", "serial-new", 9)), Ledger)
+    assert isinstance(ledger.release("uid-of-first").prepare(numbered("second", "serial-new", 8)), Ledger)
+    assert isinstance(ledger.prepare(numbered("second", "serial-new", 8, boot_id="boot-2")), Ledger)
 
 
 def test_names_of_other_namespaces_are_not_told() -> None:

@@ -78,7 +78,9 @@ def test_a_device_file_is_found_behind_links_of_the_host(tmp_path: Path) -> None
         host.link("/dev/ttyUSB0", terminal)
         host.link("/dev/lidar", "ttyUSB0")
         state = Path(terminal).stat()
-        assert DeviceFiles(Path("/")).find(terminal) == DeviceFile(terminal, terminal=True, gid=state.st_gid)
+        assert DeviceFiles(Path("/")).find(terminal) == DeviceFile(
+            terminal, terminal=True, gid=state.st_gid, number=state.st_rdev
+        )
         assert DeviceFiles(tmp_path).find("/dev/missing") is None
     finally:
         os.close(ours)

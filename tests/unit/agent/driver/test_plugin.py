@@ -1,96 +1,22 @@
 """The driver as the kubelet meets it: over its sockets, with an API server, killed and started again."""
 
 import asyncio
-import contextlib
-import json
-import shutil
-import tempfile
-from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.agent.dra import ADAPTER, BOOT, NODE, FakeKubelet, claim, config, device, fields, result
+from tests.support.agent.dra import ADAPTER, BOOT, NODE, config, device, fields, result
+from tests.support.agent.driver_node import ZERO, Node, SlowRead
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, until
 
-from robotapp_agent.devices.device import Device
 from robotapp_agent.driver.kubelet import KubeletServer, SocketGoneError
 from robotapp_agent.driver.messages import ClaimReference
-from robotapp_agent.driver.node_files import CdiFolder, Checkpoint, DeviceFiles
+from robotapp_agent.driver.node_files import DeviceFiles
 from robotapp_agent.driver.plugin import DevicePlugin, NodeFolders, Patience
 from robotapp_claims.rules.identity import claim_name_device
-from robotapp_client import ApiClient
 from robotapp_client.api.resources import RESOURCECLAIMS, ROBOTCLAIMS
 from robotapp_client.transport.errors import NotFound, Unreachable
-
-ZERO = device(path="/dev/zero")
-"""A character device that every machine has stands for the adapter."""
-
-
-class Node:
-    """One node: its folders live on when the driver is killed."""
-
-    def __init__(self, folder: Path, api: FakeApiServer, client: ApiClient) -> None:
-        self.folder = folder
-        self.api = api
-        self.client = client
-        self.cdi = CdiFolder(folder / "cdi")
-        self.checkpoint = Checkpoint(folder / "state")
-        self.kubelet = FakeKubelet(folder)
-        self.registrations = 0
-        self.patience = Patience(0, 0)
-
-    def start_plugin(self, *, boot_id: str = BOOT, devices: tuple[Device, ...] = (ZERO,)) -> DevicePlugin:
-        """A driver that has just started."""
-        folders = NodeFolders(self.checkpoint, self.cdi, DeviceFiles(Path("/")))
-        plugin = DevicePlugin(self.client, folders, node=NODE, boot_id=boot_id, patience=self.patience)
-        plugin.remove_leftovers()
-        plugin.update_devices(devices)
-        return plugin
-
-    @contextlib.asynccontextmanager
-    async def run(self, *, boot_id: str = BOOT, devices: tuple[Device, ...] = (ZERO,)) -> AsyncIterator[DevicePlugin]:
-        """Serves the sockets until the end of the block, which is a kill as far as the files go."""
-        plugin = self.start_plugin(boot_id=boot_id, devices=devices)
-
-        def count() -> None:
-            self.registrations += 1
-
-        task = asyncio.create_task(KubeletServer(plugin, self.folder, registered=count).run())
-        try:
-            await self.kubelet.wait_for_driver()
-            yield plugin
-        finally:
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
-
-    def allocate(self, name: str, *results: dict[str, Any], **more: Any) -> None:
-        body = claim(name, *results, **more)
-        self.api.store.put(RESOURCECLAIMS, body, uid=body["metadata"]["uid"])
-
-    def deallocate(self, name: str) -> None:
-        body = claim(name)
-        self.api.store.put(RESOURCECLAIMS, {**body, "status": {}}, uid=body["metadata"]["uid"])
-
-    def spec(self, name: str) -> dict[str, Any]:
-        spec: dict[str, Any] = json.loads((self.cdi.folder / f"devices.robotics.io-uid-of-{name}.json").read_text())
-        return spec
-
-
-@pytest.fixture
-def short_folder() -> Iterator[Path]:
-    """The path of a socket has at most 107 characters."""
-    folder = Path(tempfile.mkdtemp(prefix="dra-"))
-    yield folder
-    shutil.rmtree(folder)
-
-
-@pytest.fixture
-async def node(short_folder: Path) -> AsyncIterator[Node]:
-    async with FakeApiServer() as api, client_for(api.endpoint) as client:
-        yield Node(short_folder, api, client)
 
 
 async def test_the_kubelet_registers_the_driver(node: Node) -> None:
@@ -222,23 +148,6 @@ async def test_a_claim_that_comes_back_while_it_is_looked_up_keeps_its_device(
     await plugin.unprepare(first)
     read_first.may_return.set()
     assert "in use by claim first" in str(await taking_over)
-
-
-class SlowRead:
-    """The API server's answer about one object stays on its way until `may_return`."""
-
-    def __init__(self, get: Any, name: str) -> None:
-        self._get = get
-        self._name = name
-        self.was_read = asyncio.Event()
-        self.may_return = asyncio.Event()
-
-    async def __call__(self, resource: Any, name: str, **options: Any) -> Any:
-        answer = await self._get(resource, name, **options)
-        if name == self._name:
-            self.was_read.set()
-            await self.may_return.wait()
-        return answer
 
 
 async def test_a_claim_is_not_given_another_device_below_a_container(node: Node) -> None:
@@ -445,6 +354,55 @@ async def test_a_device_at_another_path_changes_the_spec_of_its_claim(node: Node
     edits = node.spec("driver")["devices"][0]["containerEdits"]
     assert edits["env"] == ["ROBOTAPP_DEVICE_LIDAR=/dev/full"]
     assert edits["deviceNodes"][0]["hostPath"] == "/dev/full"
+
+
+async def test_claims_of_one_pod_wait_for_their_devices_together(node: Node) -> None:
+    """The kubelet's patience is for its call, so one wait after the other would exceed it."""
+    other = device("serial-9", path="/dev/full")
+    for name in ("first", "second"):
+        node.allocate(name)
+    for name in ("third", "fourth"):
+        node.allocate(name, result(device_id="serial-9"))
+    node.patience = Patience(60, 60, look_again_s=0.01)
+    async with node.run(devices=(ZERO, other)):
+        for name in ("first", "third"):
+            await node.kubelet.prepare(name)
+        waiting = asyncio.create_task(node.kubelet.prepare_all("second", "fourth"))
+        await node.kubelet.unprepare("third")
+        node.deallocate("third")
+        await until(lambda: "uid-of-fourth" in node.checkpoint.load().claims)
+        assert not waiting.done()
+        await node.kubelet.unprepare("first")
+        node.deallocate("first")
+        assert [answer.error for answer in await waiting] == ["", ""]
+
+
+async def test_a_claim_that_is_given_back_while_it_is_prepared_takes_nothing(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kubelet gives it back once, after it has cancelled the preparation: nobody would give the device back again."""
+    node.allocate("first")
+    plugin = node.start_plugin()
+    first = ClaimReference("fleet", "uid-of-first", "first")
+    monkeypatch.setattr(node.client, "get", read := SlowRead(node.client.get, "first"))
+    preparing = asyncio.create_task(plugin.prepare(first))
+    await read.was_read.wait()
+    assert await plugin.unprepare(first) == ""
+    read.may_return.set()
+    assert "was given back by the kubelet" in str(await preparing)
+    assert node.checkpoint.load().claims == {}
+
+
+async def test_a_preparation_ends_with_a_reason_before_the_kubelet_gives_up(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node.allocate("first")
+    node.patience = Patience(call_s=0.01)
+    plugin = node.start_plugin()
+    monkeypatch.setattr(node.client, "get", SlowRead(node.client.get, "first"))
+    answer = await plugin.prepare(ClaimReference("fleet", "uid-of-first", "first"))
+    assert "the API server answers too slowly" in str(answer)
+    assert node.checkpoint.load().claims == {}
 
 
 async def test_a_device_whose_file_is_gone_is_refused(node: Node) -> None:

@@ -32,6 +32,11 @@ def test_a_device_is_published_under_its_id_with_what_it_is() -> None:
     }
 
 
+def test_a_serial_of_wide_letters_fits_an_attribute_which_the_api_counts_in_bytes() -> None:
+    (entry,) = entries(device(identity="0403:6001:" + "Ü" * 100))
+    assert entry["attributes"]["serial"] == {"string": "Ü" * 32}
+
+
 def test_a_lost_device_has_a_taint_or_is_left_out_where_taints_are_not_kept() -> None:
     away = device(present=False)
     assert entries(away)[0]["taints"] == [{"key": "devices.robotics.io/lost", "effect": "NoSchedule"}]

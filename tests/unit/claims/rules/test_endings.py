@@ -16,7 +16,7 @@ from robotapp_claims.rules.instances import (
     find_ending,
     read_job_state,
 )
-from robotapp_claims.rules.objects import App
+from robotapp_claims.rules.objects import App, JobCondition, JobSpec
 from robotapp_claims.rules.usage import usage_of
 
 START = "2026-01-01T00:00:00Z"
@@ -93,10 +93,51 @@ def test_the_deadline_runs_from_the_first_job_of_the_newest_generation() -> None
     assert deadline_of(rules, {"a": old, "b": new}) == datetime(2026, 1, 1, 0, 1, 30, tzinfo=UTC)
 
 
-def test_a_job_that_fails_by_the_deadline_written_into_it_leaves_the_deadline_as_the_reason() -> None:
-    rules = CompletionRules(frozenset({"a"}), deadline=timedelta(seconds=40))
-    assert reason_of(rules, a=FAILED) is Reason.DEADLINE_EXCEEDED
-    assert reason_of(rules, a=FAILED._replace(ended="2026-01-01T00:00:39Z")) is Reason.JOB_FAILED
+OUT_OF_TIME = FAILED._replace(ended="2026-01-01T00:00:59Z", reason="DeadlineExceeded")
+SIXTY_SECONDS = CompletionRules(frozenset({"a", "b"}), deadline=timedelta(seconds=60), generation=1)
+
+
+def test_the_reason_stays_when_the_jobs_have_been_ended_by_the_deadline() -> None:
+    assert reason_of(SIXTY_SECONDS, a=COMPLETE, b=OUT_OF_TIME) is Reason.DEADLINE_EXCEEDED
+    earlier = OUT_OF_TIME._replace(ended="2026-01-01T00:00:30Z")
+    assert reason_of(SIXTY_SECONDS, a=COMPLETE, b=earlier) is Reason.JOB_FAILED
+    assert (
+        reason_of(SIXTY_SECONDS, a=COMPLETE, b=OUT_OF_TIME._replace(reason="BackoffLimitExceeded")) is Reason.JOB_FAILED
+    )
+    assert reason_of(SIXTY_SECONDS._replace(deadline=None), a=COMPLETE, b=OUT_OF_TIME) is Reason.JOB_FAILED
+
+
+def test_an_edit_of_the_app_runs_a_job_again_whose_deadline_was_over() -> None:
+    """The Job with the other template is deleted, and the one that has completed stays."""
+    old = COMPLETE._replace(generation=1)
+    assert reason_of(SIXTY_SECONDS, a=old) is Reason.DEADLINE_EXCEEDED
+    assert reason_of(SIXTY_SECONDS._replace(generation=2), a=old) is None
+    later = JobState("2026-01-01T00:00:30Z", generation=2)
+    assert deadline_of(SIXTY_SECONDS._replace(generation=2), {"a": old, "b": later}) == datetime(
+        2026, 1, 1, 0, 1, 30, tzinfo=UTC
+    )
+    assert reason_of(SIXTY_SECONDS._replace(generation=2), a=old, b=old) is Reason.COMPLETED
+
+
+def test_time_in_which_jobs_are_suspended_or_wait_in_a_queue_does_not_count() -> None:
+    rules = SIXTY_SECONDS._replace(generation=0)
+    assert reason_of(rules, a=RUNNING) is Reason.DEADLINE_EXCEEDED
+    assert reason_of(rules, a=RUNNING._replace(suspended=True)) is None
+    begun = RUNNING._replace(started="2026-01-01T00:00:20Z")
+    overlapping = JobState("2026-01-01T00:00:10Z", started="2026-01-01T00:00:25Z")
+    assert deadline_of(rules, {"a": begun}) == datetime(2026, 1, 1, 0, 1, 20, tzinfo=UTC)
+    assert deadline_of(rules, {"a": begun, "b": overlapping}) == datetime(2026, 1, 1, 0, 1, 25, tzinfo=UTC)
+
+
+def test_a_job_that_was_resumed_and_is_not_started_yet_counts_as_suspended() -> None:
+    job = make.job(7)
+    stopped = msgspec.structs.replace(
+        job.status, conditions=(JobCondition(type="Suspended", status="True"),), start_time=START
+    )
+    state = read_job_state(msgspec.structs.replace(job, status=stopped))
+    assert (state.suspended, state.started) == (True, START)
+    assert read_job_state(msgspec.structs.replace(job, spec=JobSpec(suspend=True))).suspended
+    assert not read_job_state(job).suspended
 
 
 def test_a_deadline_of_any_length_is_read() -> None:

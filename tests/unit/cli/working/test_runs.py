@@ -129,6 +129,29 @@ def test_runs_of_a_refused_spec_are_answered_with_the_reason(stage: Stage) -> No
     assert "no failed job; nothing was changed\nNo job is made" in stage.text("runs", "teleop", "--failed")
 
 
+def test_all_jobs_of_a_failed_run_with_a_deadline_run_again_because_the_time_counts_from_the_first(
+    stage: Stage,
+) -> None:
+    fill(stage)
+    stage.add(ROBOTAPPS, sweep() | {"spec": sweep()["spec"] | {"completion": {"deadline": "10m"}}})
+    stage.add(JOBS, job("b", "Complete", component="prepare"))
+    printed = stage.text("runs", "teleop", "--failed")
+    assert "b: prepare runs once more" in printed
+    assert [key.name for key in stage.api.store.objects if key.collection == JOBS] == ["teleop-a-sim"]
+
+
+def test_a_run_whose_second_attempt_runs_has_no_exit_code_yet(stage: Stage) -> None:
+    fill(stage)
+    stage.add(INSTANCES, run_object("d", "Running", speed="3.5", seed="42"))
+    stage.add(JOBS, job("d"))
+    stage.add("/pods", ended_pod("d", 1, created=1))
+    (line,) = (line for line in stage.text("runs", "teleop").splitlines() if line.startswith("d "))
+    assert "Running" in line
+    assert line.split()[-1] != "1"
+    (run,) = (run for run in json.loads(stage.text("runs", "teleop", "-o", "json")) if run["run"] == "d")
+    assert (run["jobs"][0]["exitCode"], run["jobs"][0]["pods"][0]["exitCode"]) == (None, 1)
+
+
 def test_an_app_without_jobs_is_told_so(stage: Stage) -> None:
     stage.add(ROBOTAPPS, robotapp())
     result = stage.run("runs", "teleop")

@@ -50,6 +50,19 @@ async def test_objects_are_decoded_into_the_type_asked_for() -> None:
     assert found.resource_version == "9"
 
 
+@pytest.mark.parametrize("levels", [1500, 100_000])
+async def test_an_object_that_a_tenant_nested_without_end_is_read_and_written_like_any_other(levels: int) -> None:
+    deep = '{"a":' * levels + "1" + "}" * levels
+    body = f'{{"metadata": {{"name": "a", "resourceVersion": "5"}}, "spec": {deep}}}'.encode()
+    answer = reply(body)
+    async with ScriptedServer(*[answer] * 3) as server, client_for(server.endpoint) as client:
+        typed = await client.get(PODS, "a", namespace="default", as_type=Slim)
+        plain = await client.get(PODS, "a", namespace="default")
+        written = await client.patch(PODS, "a", {"metadata": {}}, namespace="default")
+    assert typed.metadata.resource_version == "5"
+    assert plain["metadata"] == written["metadata"] == {"name": "a", "resourceVersion": "5"}
+
+
 async def test_a_list_is_read_page_by_page_with_its_selectors() -> None:
     script = [listing(9, item("a", 1), token="t 1"), listing(9, item("b", 2))]
     async with ScriptedServer(*script) as server, client_for(server.endpoint) as client:

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 from tests.support.clients import until
-from tests.support.scripted import Play, bookmark, error_event, event, hang_up, item, listing, refusal, watch
+from tests.support.scripted import Play, bookmark, error_event, event, hang_up, item, listing, refusal, reply, watch
 from tests.unit.client.mirrors import mirror
 
 BUMPED = 1_000_000_010
@@ -35,6 +35,15 @@ async def test_bookmarks_keep_a_quiet_watch_alive() -> None:
         await until(lambda: seen.reflector.resource_version == "10")
         assert seen.reflector.last_contact_s < 5
         assert seen.told == []
+
+
+async def test_the_version_of_a_list_is_read_whatever_a_tenant_nested_into_its_first_object() -> None:
+    deep = '{"a":' * 1500 + "1" + "}" * 1500
+    newest = f'{{"metadata": {{"resourceVersion": "9"}}, "items": [{{"spec": {deep}}}]}}'
+    script = [listing(9), watch(), reply(newest.encode()), watch(then="hang")]
+    async with mirror(*script, newest=()) as seen:
+        await seen.asked(4)
+    assert [query.get("resourceVersion") for query in seen.queries] == [None, "9", None, "9"]
 
 
 async def test_a_server_that_went_back_is_listed_again_before_a_watch_waits_for_versions_to_come() -> None:

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
-from robotapp_client.informer.watch_decoder import BOOKMARK, Identity, Lines, WatchDecoder, managed, shallow
+from robotapp_client.api.nesting import shallow
+from robotapp_client.informer.watch_decoder import BOOKMARK, Identity, Lines, WatchDecoder, managed
 from robotapp_client.transport.errors import Gone, ServerError, Unreachable
 
 

@@ -1,6 +1,7 @@
 """Devices count as taken from the decision on, until the claim has them or the pod gives them back; nothing is counted twice."""
 
 from collections.abc import Collection
+from typing import Any
 
 import msgspec
 import pytest
@@ -10,7 +11,12 @@ from tests.support.scheduler.devices import DRIVER, allocated_on, claim, device_
 
 from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan, PlannedClaim
-from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, DeviceId
+from robotapp_scheduler.core.dynamic_resources.objects import (
+    AllocationResult,
+    DeviceClaimConfiguration,
+    DeviceId,
+    OpaqueDeviceConfiguration,
+)
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 
@@ -52,6 +58,26 @@ def test_a_decision_counts_until_its_write_is_answered_and_the_claim_from_then_o
     assert cache.apply_claim(written) is Change.NONE
     assert cache.apply_claim(claim("camera", version="12")) is NEWS
     assert taken(cache) == set()
+
+
+def test_parameters_as_deep_as_the_decoder_goes_concern_their_own_claim_alone() -> None:
+    """They are encoded with less of the stack left, in the same turn as the claims of other tenants."""
+    cache, _ = make_cache()
+    for name in ("deep", "also-deep"):
+        deep = claim(name)
+        opaque = OpaqueDeviceConfiguration(driver=DRIVER, parameters=nest(5000))
+        devices = msgspec.structs.replace(deep.spec.devices, config=(DeviceClaimConfiguration(opaque=opaque),))
+        cache.apply_claim(msgspec.structs.replace(deep, spec=msgspec.structs.replace(deep.spec, devices=devices)))
+    found = [cache.resolve(wanting(name).pod) for name in ("deep", "also-deep")]
+    assert [claims.trouble for claims in found] == ["", ""]
+    assert found[0].key != found[1].key
+
+
+def nest(levels: int) -> dict[str, Any]:
+    nested: dict[str, Any] = {}
+    for _ in range(levels):
+        nested = {"a": nested}
+    return nested
 
 
 def test_pods_of_a_group_share_an_allocation_that_is_not_written_yet_and_others_wait() -> None:

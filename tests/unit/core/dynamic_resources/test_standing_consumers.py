@@ -11,6 +11,7 @@ from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.dynamic_resources.standing_consumers import (
     explain_predecessor,
     find_release_reason,
+    find_standing_app,
     is_standing,
     list_next_users,
     list_predecessors,
@@ -86,12 +87,21 @@ def test_a_pod_is_entered_in_the_place_of_those_before_it_and_with_the_app_when_
 
 
 def test_claims_of_others_are_left_alone() -> None:
-    foreign = claim("mine", allocated_on("n1"), reservedFor=[APP_USER])
+    foreign = claim("mine", allocated_on("n1"), reservedFor=[APP_USER], ownerReferences=[{**OWNER, "kind": "Robot"}])
     assert release(foreign, None) == "", "its owner is no RobotApp"
     unused = claim("patrol-driver", allocated_on("n1"), ownerReferences=[OWNER])
     assert release(unused, None) == "", "allocated by another scheduler, which gives it back itself"
     waiting = claim("patrol-driver", ownerReferences=[OWNER])
     assert release(waiting, None) == ""
+
+
+def test_an_orphan_keeps_its_device_as_long_as_the_app_that_was_its_owner_or_a_pod() -> None:
+    orphan = held(ownerReferences=[])
+    assert find_standing_app(orphan) == ("patrol", "uid-app")
+    assert release(orphan, app()) == ""
+    assert release(orphan, None) == "RobotApp patrol is gone"
+    assert release(held(POD_USER, APP_USER, ownerReferences=[]), None) == ""
+    assert find_standing_app(claim("mine", allocated_on("n1"), reservedFor=[POD_USER])) is None
 
 
 def test_a_node_that_is_gone_for_good_holds_nobody() -> None:

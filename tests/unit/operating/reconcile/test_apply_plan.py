@@ -6,14 +6,14 @@ import pytest
 from tests.support.factories import VERSION, after, make_app
 from tests.support.scripted import ScriptedClient
 
-from robotapp_api.model.names import Reason
+from robotapp_api.model.names import QUEUE_NAME, Reason
 from robotapp_claims.rules.domain import Fence
 from robotapp_client import AlreadyExists, Conflict, Forbidden, Invalid, NamespaceTerminating, NotFound
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, plan, wanted_children
 from robotapp_operator.plan.spec.desired import Domain, desired_of
-from robotapp_operator.plan.spec.objects import ChildRef
+from robotapp_operator.plan.spec.objects import ChildRef, Job, Meta
 from robotapp_operator.queue.work import StartOver
-from robotapp_operator.reconcile.apply_plan import Written, execute
+from robotapp_operator.reconcile.apply_plan import Written, execute, stop
 
 APP = make_app(ros2={"discovery": {"mode": "Peers"}})
 NEWER = make_app(ros2={"discovery": {"mode": "Peers"}}, generation=2, suspend=True)
@@ -267,3 +267,12 @@ async def test_deletes_name_the_uid_and_do_not_mind_being_late() -> None:
     done = await run(client, what)
     assert done.count == 3
     assert all(method == "delete" and body["uid"] for method, _, body in client.calls)
+
+
+@pytest.mark.parametrize(("labels", "method"), [({}, "patch"), ({QUEUE_NAME: "nightly"}, "delete")])
+async def test_a_job_is_stopped_by_suspension_and_in_a_queue_by_deletion(labels: dict[str, str], method: str) -> None:
+    """kueue would resume a Job that somebody else has suspended."""
+    client = ScriptedClient().always(method, answer)
+    job = Job(metadata=Meta(name="save", namespace="default", uid="u", resource_version="1", labels=labels))
+    await stop(client, job)  # type: ignore[arg-type] - a double
+    assert client.methods() == [method]

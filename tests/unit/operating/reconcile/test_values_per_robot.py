@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+import msgspec
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, configmap, until
@@ -12,10 +13,14 @@ from tests.support.factories import app_body, component, make_node, robots
 from tests.unit.operating.controlling import StubbedController
 
 from robotapp_api.model.names import Annotation, EventReason, Label
+from robotapp_claims.rules.instances import Instance
 from robotapp_client import ApiClient
 from robotapp_client.api.resources import CONFIGMAPS, DEPLOYMENTS, ROBOTAPPS
-from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment
+from robotapp_operator.plan.diff.jobs import is_edited
+from robotapp_operator.plan.render.deployments import component_jobs
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
+from robotapp_operator.plan.spec.objects import Deployment, Job
+from robotapp_operator.plan.spec.robot_values import overridden
 from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
@@ -190,3 +195,25 @@ async def test_overrides_of_one_robot_leave_what_is_computed_for_all_of_the_app(
         for robot in ("a", "b"):
             await fleet.reconcile(uid, robot)
     assert len(checked) == 1
+
+
+def put_job(cache: Cache, app: App, robot: str, *, verdict: str = "Complete", domain: int = 7) -> Job:
+    """Puts the driver's Job of a robot into the cache, as it was made for the robot's overrides."""
+    (child,) = component_jobs(desired_of(app, robot), domain=Domain(domain), parameters={}, running=True)
+    body = child.body(app, version="1.0.0")
+    body["metadata"] |= {"uid": f"job-{robot}"}
+    body["status"] = {"conditions": [{"type": verdict, "status": "True"}] if verdict else []}
+    job = msgspec.convert(body, Job)
+    cache.jobs.put(app.uid, child.ref.name, job)
+    return job
+
+
+def test_a_job_of_a_robot_out_of_sight_is_not_run_again_without_the_robots_overrides() -> None:
+    cache = Cache()
+    body = app_body(components=[component("driver", job={})], robots=EACH, overrides=[SLOW])
+    app = cache.update_app(body).app
+    assert app is not None
+    job = put_job(cache, overridden(app, {"driver": ("slow",)}), "amr-1")
+    seen = lister.app_of_instance(app, Instance("amr-1", missing=True), cache)
+    assert seen.spec.components[0].image == "reg/driver:slow"
+    assert not is_edited(seen, "driver", job)

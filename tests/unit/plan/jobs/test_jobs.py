@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from tests.support.factories import VERSION, component, make_app
 
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.diff.diff import Plan, plan, wanted_children
 from robotapp_operator.plan.diff.jobs import judge_progress
 from robotapp_operator.plan.render.child import JOB, Child
@@ -158,6 +158,35 @@ def test_a_new_job_gets_what_is_left_of_the_deadline() -> None:
     assert job_child(app).spec["activeDeadlineSeconds"] == 600
     assert job_child(app, stored(app, name="first")).spec["activeDeadlineSeconds"] == 540
     assert judge_progress(app, stored(app).values(), now=NOW).deadline == datetime(2026, 1, 1, 0, 10, tzinfo=UTC)
+
+
+def test_another_deadline_reaches_a_job_that_runs() -> None:
+    def app_with(deadline: str, **job: int) -> App:
+        return app_of(component("save", job=job), completion={"deadline": deadline})
+
+    observed = stored(app_with("10m"))
+    assert not plan_of(app_with("10m"), observed)
+    assert not plan_of(app_with("10m2s"), observed)  # as much as a Job begins after its limit was computed
+    for app, seconds in ((app_with("2h"), 7200), (app_with("2m"), 120), (app_with("2h", activeDeadlineSeconds=90), 90)):
+        (change,) = plan_of(app, observed).changes
+        assert change.amended is not None
+        assert change.amended["activeDeadlineSeconds"] == seconds
+        assert not plan_of(app, stored(app_with("10m"), spec={"activeDeadlineSeconds": seconds}))
+
+
+def test_a_job_that_is_suspended_is_not_started_by_the_end_of_its_instance() -> None:
+    app = app_of(component("save", job={}), component("other", job={}), completion={"success": {"operator": "Any"}})
+    observed = stored(app, verdict="Complete") | stored(app, name="other", spec={"suspend": True})
+    found = plan_of(app, observed, running=False)
+    assert [item.metadata.labels[Label.COMPONENT] for item in found.deletes] == ["other"]
+    assert not found.changes
+    rest = stored(app, verdict="Complete")
+    assert not plan_of(app, rest, running=False)
+
+
+def test_the_deadline_of_a_suspended_app_starts_none_of_its_jobs() -> None:
+    app = app_of(component("save", job={}), completion={"deadline": "30s"})
+    assert not plan_of(app, stored(app, spec={"suspend": True}), running=False)
 
 
 def test_what_waits_for_a_job_starts_when_it_is_complete_and_not_when_it_has_failed_or_is_to_run_again() -> None:

@@ -207,6 +207,15 @@ def test_devices_arrive_by_the_downward_api() -> None:
     assert path == "metadata.annotations['granted.robotics.io/devices']"
 
 
+DRIVER_WISHES: dict[str, Any] = {
+    "devices": [
+        {"name": "lidar", "type": "serial"},
+        {"name": "eye", "type": "video", "sharing": "Cluster"},
+    ],
+    "requires": [{"type": "gpu", "model": "nvidia"}],
+}
+
+
 def test_hardware_is_left_to_our_scheduler_and_spelled_out_for_others() -> None:
     wanted = {
         "devices": [{"name": "c", "type": "can", "interface": "can0"}],
@@ -217,6 +226,17 @@ def test_hardware_is_left_to_our_scheduler_and_spelled_out_for_others() -> None:
     assert term == [
         {"key": "hardware.robotics.io/can-can0", "operator": "Exists"},
         {"key": "hardware.robotics.io/gpu", "operator": "In", "values": ["nvidia"]},
+    ]
+
+
+def test_a_device_of_a_resource_claim_needs_no_label_under_another_scheduler() -> None:
+    desired = desired_of(make_app(component("driver", **DRIVER_WISHES), schedulerName="default-scheduler"), "")
+    (driver,) = desired.app.spec.components
+    rendered = pod_template(driver, desired, domain=None, state=NONE, by_claim=True)
+    (term,) = required_terms(rendered)
+    assert [expression["key"] for expression in term] == [
+        "hardware.robotics.io/video",  # shared: no claim chooses it
+        "hardware.robotics.io/gpu",
     ]
 
 
@@ -239,6 +259,24 @@ def test_other_schedulers_get_pod_affinity_towards_earlier_components_only() -> 
     (term,) = second["affinity"]["podAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
     assert term["labelSelector"]["matchLabels"][Label.COMPONENT] == "a"
     assert "podAntiAffinity" in third["affinity"]
+
+
+@pytest.mark.parametrize(("rule", "operator"), [("separateFrom", "NotIn"), ("colocateWith", "In")])
+def test_other_schedulers_place_a_partner_of_the_robots_own_component_before_it_without_harm(
+    rule: str, operator: str
+) -> None:
+    """The operator component comes first in the list: on the robot it would keep the other one off its only node for ever."""
+    app = make_app(
+        component("operator", **{rule: ["robot"]}),
+        component("robot", runsOn=["Robot"]),
+        schedulerName="other",
+        robots={"nodeSelector": {"matchLabels": {"robotics.io/tier": "robot"}}},
+    )
+    desired = desired_of(app, "amr-07")
+    first, second = (pod_template(part, desired, domain=DOMAIN, state=NONE) for part in app.spec.components)
+    partner = {"key": "robotics.io/robot", "operator": operator, "values": ["amr-07"]}
+    assert all(partner in term for term in required_terms(first))
+    assert required_terms(second) == [[{"key": "robotics.io/robot", "operator": "In", "values": ["amr-07"]}]]
 
 
 def test_cyclone_pods_have_a_name_of_their_own_and_await_the_others() -> None:

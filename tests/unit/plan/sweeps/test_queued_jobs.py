@@ -6,8 +6,10 @@ import msgspec
 from tests.support.factories import UID, component, make_app
 
 from robotapp_api.model.names import QUEUE_NAME
-from robotapp_operator.plan.diff.diff import plan, wanted_children
+from robotapp_operator.plan.diff.diff import plan, still_running, wanted_children
 from robotapp_operator.plan.diff.jobs import judge_progress, list_admitted
+from robotapp_operator.plan.render.deployments import component_jobs
+from robotapp_operator.plan.render.devices.resource_claim import wanted_claims
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import Job
 from robotapp_operator.plan.spec.record import parse_record
@@ -88,6 +90,38 @@ def test_a_suspended_app_deletes_the_jobs_that_kueue_would_resume() -> None:
     observed = {next(iter(refs(app, instance))): job}
     result = plan(app, [], observed, version="1", settled={}, progress=judge(app, job))
     assert list(result.deletes) == [job]
+
+
+def test_a_job_in_a_queue_has_the_claim_of_its_devices_until_it_has_ended() -> None:
+    app = make_app(component("sim", job={}, devices=[{"name": "bus", "type": "can"}]))
+    object.__setattr__(app, "queue", "nightly")
+    options: dict[str, Any] = {"domain": Domain(7), "parameters": {}, "running": True, "claiming": {"sim"}}
+    children = wanted_children(desired_of(app, ""), **options)
+    assert [claim.name for claim in wanted_claims(app, children)] == [children[0].ref.name]
+    (ended,) = component_jobs(desired_of(app, ""), ended={"sim"}, **options)
+    assert wanted_claims(app, [ended]) == []
+
+
+def test_a_job_whose_app_left_the_queue_is_deleted_when_it_must_not_run() -> None:
+    """kueue goes on with a Job that has its label."""
+    app = sweep()
+    instance = next(iter(app.sweep))
+    queued = job_of(sweep(queue="nightly"), instance, suspend=False)
+    (ref,) = refs(app, instance)
+    for running in (True, False):
+        wanted = wanted_children(desired_of(app, instance), domain=Domain(7), parameters={}, running=running)
+        result = plan(app, wanted, {ref: queued}, version="1", settled={}, progress=judge(app, queued))
+        assert list(result.deletes) == ([] if running else [queued])
+        assert not result.changes
+
+
+def test_an_app_that_is_suspended_and_wrong_stops_a_job_that_kueue_would_resume() -> None:
+    app = sweep(queue="nightly")
+    instance = next(iter(app.sweep))
+    (ref,) = refs(app, instance)
+    assert still_running(UID, {ref: job_of(app, instance, suspend=True)})
+    assert not still_running(UID, {ref: job_of(app, instance, suspend=True, verdict="Complete")})
+    assert not still_running(UID, {ref: job_of(sweep(), instance, suspend=True)})
 
 
 def test_the_queue_is_read_from_the_label_of_the_app() -> None:

@@ -14,7 +14,12 @@ from robotapp_client.transport.errors import Conflict, Forbidden, NotFound, Serv
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan, PlannedClaim
-from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, ResourceClaim
+from robotapp_scheduler.core.dynamic_resources.objects import (
+    AllocationResult,
+    DeviceAllocationConfiguration,
+    OpaqueDeviceConfiguration,
+    ResourceClaim,
+)
 from robotapp_scheduler.core.events.change_log import ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.shell.binding.claim_writer import DEPOSED, FINALIZER, TRIES, ClaimWriter
@@ -202,6 +207,18 @@ async def test_a_refusal_and_a_claim_that_never_stands_still_are_named() -> None
     world = World(claim("camera", allocated_on("n1")))
     world.server.failures = [(Forbidden("full", status=403), False)]
     assert await world.bind(None) == "add reservation to claim default/camera: full"
+
+
+async def test_an_allocation_whose_parameters_are_nested_too_deep_is_refused_with_the_cure() -> None:
+    nested: dict[str, Any] = {}
+    for _ in range(5000):
+        nested = {"a": nested}
+    opaque = OpaqueDeviceConfiguration(driver="x", parameters=nested)
+    devices = msgspec.structs.replace(ALLOCATION.devices, config=(DeviceAllocationConfiguration(opaque=opaque),))
+    world = World(claim("camera"))
+    text = await world.bind(msgspec.structs.replace(ALLOCATION, devices=devices))
+    assert text == "parameters of a driver in claim default/camera are nested too deep: write them flatter"
+    assert "allocation" not in world.status
 
 
 async def test_without_the_lease_nothing_is_written() -> None:

@@ -72,6 +72,13 @@ async def test_a_device_is_given_back_for_the_app_as_it_is_now(
     assert world.freed == [held()] * is_freed
 
 
+async def test_an_orphan_whose_app_is_gone_gives_its_device_back() -> None:
+    orphan = claim("camera", allocated_on("n1"), reservedFor=[STANDING])
+    world = World(None, GONE)
+    await world.standing_claims.review(orphan)
+    assert world.freed == [orphan]
+
+
 async def test_a_replica_with_an_ordinal_keeps_its_device_and_one_too_many_gives_it_back() -> None:
     component = {"name": "driver", "devices": [{"name": "eye"}], "replicas": 2, "replicaIdentity": "Ordinal"}
     app = app_object(component, name="patrol", uid="uid-app")

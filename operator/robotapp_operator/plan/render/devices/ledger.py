@@ -63,7 +63,7 @@ def _takes_claim(
 def driver_nodes_of(component: Component, desired: Desired, drivers: DriverNodes) -> frozenset[str]:
     """Returns the nodes with the driver that the component's own requirements admit."""
     labels = {name: drivers.labels[name] for name in drivers.names if name in drivers.labels}
-    return nodes_for(component, desired, labels)
+    return nodes_for(component, desired, labels, by_claim=True)
 
 
 def list_handover_notes(app: App, robots: Iterable[str], drivers: DriverNodes) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ def describe_ledger(
         if not may_be_handed_over(component):
             continue
         if named_claim(item.spec):
-            admitted = nodes_for(component, desired, all_labels)
+            admitted = nodes_for(component, desired, all_labels, by_claim=True)
             having = admitted & frozenset(drivers.names)
             if not having:
                 return (

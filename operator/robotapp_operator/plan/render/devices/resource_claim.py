@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.device import Device
-from robotapp_api.model.names import POD_CLAIM, WAITING_STEP, Annotation
+from robotapp_api.model.names import POD_CLAIM, QUEUE_NAME, WAITING_STEP, Annotation
 from robotapp_api.values.devices.variables import DEVICE_PREFIX, device_variable
 from robotapp_api.values.devices.words import list_types
 from robotapp_claims.rules.device import claimed
@@ -133,7 +133,9 @@ def wanted_claims(app: App, children: Iterable[Child]) -> list[DeviceClaim]:
     for child in children:
         name = named_claim(child.spec)
         component = components.get(child.component)
-        wants_pods = child.spec.get("replicas") or child.spec.get("suspend") is False
+        # A Job in a queue is made suspended, and kueue resumes it.
+        is_queued = QUEUE_NAME in child.labels and "suspend" in child.spec
+        wants_pods = child.spec.get("replicas") or child.spec.get("suspend") is False or is_queued
         if name and component is not None and wants_pods:
             spec = claim_spec(component)
             claims.append(DeviceClaim(name=name, labels=child.labels, spec=spec, hash=content_hash(spec)))

@@ -6,6 +6,7 @@ import msgspec
 from tests.support.factories import UID, app_body
 
 from robotapp_api.model.names import Label
+from robotapp_claims.rules.device_attributes import list_held
 from robotapp_claims.rules.objects import ResourceClaim, ResourceSlice
 from robotapp_operator.watch.cache import Cache
 
@@ -16,10 +17,12 @@ def slice_of(name: str, node: str) -> ResourceSlice:
     return msgspec.convert({"metadata": {"name": name}, "spec": {"driver": DRIVER, "nodeName": node}}, ResourceSlice)
 
 
-def claim(namespace: str = "default", *, uid: str = UID, device: str = "serial-1", owned: bool = True) -> ResourceClaim:
+def claim(
+    namespace: str = "default", *, uid: str = UID, device: str = "serial-1", owned: bool = True, **fields: Any
+) -> ResourceClaim:
     owner: dict[str, Any] = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "name": "a", "uid": uid}
     labels = {Label.APP_UID.value: uid, Label.INSTANCE.value: "amr-07", Label.COMPONENT.value: "driver"}
-    result = {"request": "d", "driver": DRIVER, "pool": "n", "device": device}
+    result = {"request": "d", "driver": DRIVER, "pool": "n", "device": device, **fields}
     pod = {"resource": "pods", "name": "p", "uid": "pod-1"}
     app = {"apiGroup": "robotics.io", "resource": "robotapps", "name": "a", "uid": uid}
     body = {
@@ -38,6 +41,12 @@ def cache_with_app() -> Cache:
     cache = Cache()
     cache.update_app(app_body())
     return cache
+
+
+def test_a_claim_with_admin_access_holds_no_device() -> None:
+    """It watches devices that others have, of all nodes perhaps: else all of them would look taken."""
+    assert len(list_held(claim(adminAccess=False))) == 1
+    assert list_held(claim(adminAccess=True)) == ()
 
 
 def test_a_node_has_the_driver_while_it_has_a_slice() -> None:

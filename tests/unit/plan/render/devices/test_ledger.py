@@ -89,6 +89,11 @@ def test_a_deployment_of_another_spec_counts_as_edited() -> None:
     assert item.metadata.annotations[Annotation.SPEC_HASH] == app.spec_hashes["driver"]
 
 
+def test_under_another_scheduler_a_driver_counts_on_nodes_without_labels_of_hardware() -> None:
+    app = make_app(component("driver", devices=[LIDAR]), schedulerName="default-scheduler")
+    assert decide(app, {}, on("amr-07"))
+
+
 @pytest.mark.parametrize(
     ("claiming", "drivers", "says"),
     [

@@ -3,12 +3,16 @@
 import json
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app
 
+from robotapp_agent.driver.rules.device_config import AllocatedConfig, Opaque, RequestConfig, resolve_config
 from robotapp_api.model.names import WAITING_STEP, Annotation
+from robotapp_api.model.patterns import LABEL_PATTERN
+from robotapp_api.values.devices.variables import device_variable
 from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.render.devices.resource_claim import (
@@ -48,6 +52,20 @@ def test_each_exclusive_device_is_a_request_with_what_the_driver_does_about_it()
     kind = {"apiVersion": "devices.robotics.io/v1alpha1", "kind": "DeviceConfig"}
     assert first == kind | {"env": "FRONT_LIDAR", "mountAs": "/dev/lidar"}
     assert second == kind | {"env": "CAMS"}
+
+
+@given(
+    st.from_regex(LABEL_PATTERN, fullmatch=True).filter(
+        lambda name: len(name) <= 63 and name.isascii() and "\n" not in name
+    ),
+    st.sampled_from(["/dev/lidar", "/dev/serial/by-id/usb-FTDI_A5:1.0-if00@x+y"]),
+)
+def test_the_driver_takes_what_the_claim_of_any_device_has_for_it(name: str, path: str) -> None:
+    device = {"name": name, "type": "serial", "mountAs": path}
+    (entry,) = claim_spec(make_app(component("driver", devices=[device])).spec.components[0])["devices"]["config"]
+    parameters = json.dumps(entry["opaque"]["parameters"]).encode()
+    config = AllocatedConfig(opaque=Opaque("devices.robotics.io", msgspec.Raw(parameters)))
+    assert resolve_config(name, [config]) == RequestConfig(variable=device_variable(name), mount_as=path)
 
 
 @pytest.mark.parametrize(
