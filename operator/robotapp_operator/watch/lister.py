@@ -99,10 +99,11 @@ def admitted_instances(app: App, cache: Cache) -> frozenset[str]:
 
 
 def describe_turn(app: App, instance: str, cache: Cache) -> str:
-    """Returns why an instance of a sweep does not begin yet, "" for one that may, or has begun."""
+    """Returns why an instance of a sweep does not begin yet, "" for one that may, or has begun, and where the spec is refused for all."""
     if app.spec.matrix is None or instance in cache.running_instances(app.uid):
         return ""
-    if instance in admitted_instances(app, cache):
+    is_refused = any(problem.reason == Reason.INVALID_SPEC for problem in problems_now(app, cache))
+    if is_refused or instance in admitted_instances(app, cache):
         return ""
     return f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
 
@@ -521,12 +522,6 @@ def _not_restarted(deployments: Iterable[Deployment], pods: Mapping[str, list[Po
     return tuple(sorted(name for restart in restarts for name in restart.refused))
 
 
-def describe_turn_if_valid(app: App, robot: str, cache: Cache) -> str:
-    """Returns why the instance waits for others, "" where nothing runs that it could wait for, because the spec is refused."""
-    problems = problems_now(app, cache) if app.spec.matrix is not None else ()
-    return "" if any(item.reason == Reason.INVALID_SPEC for item in problems) else describe_turn(app, robot, cache)
-
-
 class ComponentSources(NamedTuple):
     """What the views of an instance's components are made of.
 
@@ -545,7 +540,7 @@ class ComponentSources(NamedTuple):
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
     """Yields the view of each component in the order of the spec."""
     cache, ending = sources.cache, sources.progress.ending
-    turn = describe_turn_if_valid(app, robot, cache)
+    turn = describe_turn(app, robot, cache)
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)

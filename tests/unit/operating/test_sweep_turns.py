@@ -13,7 +13,7 @@ from robotapp_client.api.resources import JOBS, ROBOTAPPS
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Job
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import admitted_instances, describe_turn, describe_turn_if_valid
+from robotapp_operator.watch.lister import admitted_instances, describe_turn
 
 MATRIX = {"parameters": [{"name": "seed", "values": ["1", "2", "3"]}], "parallelism": 1}
 
@@ -50,12 +50,12 @@ def test_the_first_instance_has_its_turn_and_the_others_are_told_the_number() ->
 def test_no_instance_of_a_refused_spec_waits_for_its_turn() -> None:
     cache, app = make_cache()
     _, second, _ = app.sweep
-    assert describe_turn_if_valid(app, second, cache).startswith("waits for its turn")
+    assert describe_turn(app, second, cache).startswith("waits for its turn")
     refused = component("sim", job={}, args=["$(MATRIX_SPED)"])
     cache = Cache()
     record = cache.update_app(app_body(components=[refused], matrix=MATRIX))
     assert record.app is not None
-    assert describe_turn_if_valid(record.app, second, cache) == ""
+    assert describe_turn(record.app, second, cache) == ""
 
 
 def test_a_job_that_has_ended_gives_the_turn_to_the_next_instance() -> None:
