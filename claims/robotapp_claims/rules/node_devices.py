@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import FROM_TELEMETRY, GPU, HARDWARE_PREFIX, HARDWARE_SOURCE
-from robotapp_api.values.devices.words import PLUGGING_ORDER, find_similar_type, list_types
+from robotapp_api.values.devices.words import AGENT_TYPES, PLUGGING_ORDER, USUAL_TYPES, find_similar_type, list_types
 from robotapp_claims.rules.device import Identified, Kind, is_device
 from robotapp_claims.rules.identity import device_label
 from robotapp_claims.rules.objects import Claim
@@ -187,6 +187,9 @@ def _find_alias(device: Device, claims: Iterable[Claim], labels: set[str]) -> Cl
 
 # What is there in place of a device that is not
 
+_PUBLISHED: Final = frozenset({*AGENT_TYPES, *USUAL_TYPES}) - {"usb"}
+"""Types under which no device of another type can be what was meant, unless its make is written."""
+
 
 def describe_missing(wish: Kind, devices_by_node: Mapping[str, Sequence[Reported]]) -> str:
     """Returns which devices the nodes have in place of a wished-for one that none of them has, "" without any report.
@@ -207,6 +210,8 @@ def describe_missing(wish: Kind, devices_by_node: Mapping[str, Sequence[Reported
     same_type = [(node, device) for node, device in present if device.type in list_types(wish.type)]
     if same_type:
         return f"{start}, but {_name_all(same_type)}; write {_cure_of(same_type[0][1])}"
+    if present and wish.type.lower() in _PUBLISHED and not wish.model and not wish.usb_id:
+        return f"{start}, but {_name_all(present)}; plug it in, or choose a node that has it (kubectl robotapp devices lists what agents find)"
     if present:
         return f"{start}, but {_name_all(present)}; {_hint_at(wish)}write {_cure_of(present[0][1])}, or a rule of the agent that names it {wish.type}"
     return f"{start}, which has no device; plug it in (kubectl robotapp devices lists what agents find)"

@@ -16,7 +16,7 @@ from robotapp_cli.output import (
     write_structured,
 )
 from robotapp_cli.reading.fields import Json, age, elapsed, meta, milliseconds, plain, short_ms, status
-from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of
+from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of, name_instance_kind
 from robotapp_cli.reading.session import Session
 from robotapp_client.api.resources import EVENTS, ROBOTAPPS
 
@@ -127,7 +127,10 @@ def _print_instances(app: Json, instances: list[Instance], *, wide: bool, all_of
     others = sorted((each for each in instances if each not in full), key=lambda each: each.name)
     if others:
         blank_line()
-        print_table(["ROBOT", "READY", "PHASE", "DOMAIN", "BUDGET", "DEVICES", "NODES"], map(_line, others))
+        print_table(
+            [name_instance_kind(app).upper(), "READY", "PHASE", "DOMAIN", "BUDGET", "DEVICES", "NODES"],
+            map(_line, others),
+        )
         name = meta(app)["name"]
         hint = f"One of them in full: kubectl robotapp info {name} --robot {others[0].name}; all of them: -o wide"
         print_line(hint)
@@ -146,7 +149,7 @@ def _line(instance: Instance) -> list[str]:
 
 
 def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
-    where = f"robot {instance.name}" if instance.name else "instance"
+    where = f"{name_instance_kind(app)} {instance.name}" if instance.name else "instance"
     domain = "" if instance.domain is None else f", domain {instance.domain}"
     blank_line()
     phase = instance.observed.get("phase", Phase.PENDING.value)

@@ -20,7 +20,7 @@ from robotapp_cli.commands.reasons import with_what_is_known
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.output import Column, Output, blank_line, name_repeated, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, condition, label, meta, status
-from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of
+from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of, name_instance_kind
 from robotapp_cli.reading.scheduler_link import Link, connect
 from robotapp_cli.reading.session import Session
 from robotapp_client.api.resources import PODS, ROBOTAPPS
@@ -263,7 +263,7 @@ def _describe_place(row: Row) -> str:
 
 def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
     title = [f"{meta(app)['namespace']}/{meta(app)['name']}"]
-    title += [f"robot {view.robot}"] if view.robot else []
+    title += [f"{name_instance_kind(app)} {view.robot}"] if view.robot else []
     title += [f"domain {view.domain}"] if view.domain is not None else []
     print_line(", ".join(title), style="bold")
     shown = [row for row in view.components if wide or row.failing or not row.component.startswith("(")]

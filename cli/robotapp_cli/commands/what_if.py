@@ -262,7 +262,8 @@ def _format_state(state: Json | None) -> str:
 
 def _summarize(answer: Json) -> list[str]:
     hidden = answer["hidden"]
-    lines = [f"{answer['edgesUnchanged']} more edges were looked at: their verdict stays"]
+    more = "more " if answer["edges"] else ""
+    lines = [f"{answer['edgesUnchanged']} {more}edges were looked at: their verdict stays"]
     if hidden["pods"] or hidden["edges"]:
         lines.append(f"{hidden['pods']} pods and {hidden['edges']} edges of other namespaces would change, too")
     return [*lines, *answer["notes"], "Nothing was changed."]

@@ -21,7 +21,28 @@ _POD_FIELDS: Final = (
 _COMPONENT: Final = "spec.components"
 _MOST_NAMES: Final = 5
 _HOST: Final = ("hostNetwork", "hostPID", "hostIPC")
-_OF_JOBS: Final = ("activeDeadlineSeconds", "backoffLimit", "completions", "parallelism", "ttlSecondsAfterFinished")
+_ON_JOB: Final = ("activeDeadlineSeconds", "backoffLimit")
+_RUNS_THAT_END: Final = "docs/how-to/runs-that-end.md"
+_JOB_SPEC: Final = {
+    **dict.fromkeys(
+        ("completions", "parallelism", "completionMode"),
+        f"remove it and write job: {{}} for a program that ends; runs with other values are spec.matrix (docs/how-to/sweeps.md), "
+        f"runs that are alike a Job of your own ({_RUNS_THAT_END})",
+    ),
+    **dict.fromkeys(
+        ("ttl", "ttlSecondsAfterFinished"),
+        f"remove it: Jobs that have ended stay with their logs until the app is deleted ({_RUNS_THAT_END})",
+    ),
+    **dict.fromkeys(
+        ("schedule", "cron"),
+        f"remove it: nothing starts an app by the clock; a CronJob of your own may create or edit it ({_RUNS_THAT_END})",
+    ),
+}
+"""Fields of Jobs and CronJobs that no app has → what to do in place of them."""
+_RESTART: Final = (
+    "remove it: a program is started again when it ends, with job: {} in the component only when it fails, "
+    f"as often as job.backoffLimit ({_RUNS_THAT_END})"
+)
 _OF_COMPOSE: Final = {
     "network_mode": "write template: {spec: {hostNetwork: true}} for host",
     "ipc": "write template: {spec: {hostIPC: true}} for host",
@@ -35,10 +56,6 @@ _OF_COMPOSE: Final = {
 }
 _AFFINITY: Final = (
     "write nodeSelector, runsOn, requires, colocateWith or separateFrom; robots choose by matchExpressions, too"
-)
-_ENDS: Final = (
-    "remove it: a component runs until it is deleted; for a program that ends write a Job with the annotation "
-    "scheduler.robotics.io/dds-domain (docs/how-to/operate-an-app.md)"
 )
 _SERVICE: Final = (
     "write service: {spec: {ports: [{name: http, port: 80}]}} in the component (docs/how-to/reach-a-component.md)"
@@ -62,7 +79,14 @@ FIELDS: Final[dict[str, str]] = {
     },
     **{f"{_COMPONENT}.{name}": f"{cure} (docs/how-to/reach-the-node.md)" for name, cure in _OF_COMPOSE.items()},
     **{f"{place}.affinity": _AFFINITY for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
-    **{f"{place}.{name}": _ENDS for name in _OF_JOBS for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
+    **{f"{_COMPONENT}.{name}": f"write job: {{{name}: …}}" for name in _ON_JOB},
+    f"{_COMPONENT}.template.spec.activeDeadlineSeconds": "write job: {activeDeadlineSeconds: …} in the component",
+    **{
+        f"{place}.{name}": cure
+        for name, cure in _JOB_SPEC.items()
+        for place in ("spec", "spec.completion", _COMPONENT, f"{_COMPONENT}.job", f"{_COMPONENT}.template.spec")
+    },
+    **{f"{place}.restartPolicy": _RESTART for place in ("spec", _COMPONENT, f"{_COMPONENT}.job")},
     **{f"{place}.{name}": _SERVICE for name in ("services", "expose") for place in ("spec", _COMPONENT)},
     "spec.service": _SERVICE,
     f"{_COMPONENT}.service.port": "write spec: {ports: [{name: http, port: 80}]}",

@@ -63,6 +63,11 @@ def name_of(obj: Json) -> str:
     return str((obj.get("spec") or {}).get("instance") or "")
 
 
+def name_instance_kind(app: Json) -> str:
+    """Returns what an instance with a name is: the app on a robot, or a run of a sweep."""
+    return "run" if app["spec"].get("matrix") else "robot"
+
+
 def chosen(found: Sequence[Instance], robot: str | None, *, app: str) -> list[Instance]:
     """All of them, or that of one robot. Raises CliError (not found)."""
     if robot is None:

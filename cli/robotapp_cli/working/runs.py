@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from robotapp_api.model.names import Phase
+from robotapp_api.model.names import Condition, Phase
 from robotapp_cli.arguments import Context, Kubeconfig, Name, Namespace, OutputFormat
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.reading import session as sessions
-from robotapp_cli.reading.fields import Json, elapsed, meta
+from robotapp_cli.reading.fields import Json, condition, elapsed, meta
 from robotapp_cli.reading.runs import JobRun, Run, describe_provenance, list_runs, read_kubelets
 from robotapp_cli.reading.session import Options, Session
 from robotapp_client import Conflict, NotFound
@@ -53,6 +53,14 @@ async def show_runs(session: Session, name: str) -> None:
         ["RUN", Column("VALUES", wraps=True), "PHASE", "DURATION", "EXIT"],
         [[*list_cells(run, list_parameters(app))] for run in runs],
     )
+    print_refusal(app)
+
+
+def print_refusal(app: Json) -> None:
+    """Prints why no job of the app is made, if its spec is not accepted."""
+    accepted = condition(app, Condition.ACCEPTED)
+    if accepted.get("status") == "False":
+        print_line(f"No job is made: {accepted.get('message', '')}", style="yellow")
 
 
 def list_parameters(app: Json) -> Sequence[str]:
@@ -84,20 +92,26 @@ async def fetch_app_with_jobs(session: Session, name: str) -> Json:
 
 
 async def repeat_failed(session: Session, name: str) -> None:
-    """Deletes the failed Jobs of failed runs, which the operator makes anew, and prints which.
+    """Deletes the failed Jobs of runs that have not completed, which the operator makes anew, and prints which.
 
-    Where the jobs of a run have a deadline together, it deletes all of them: the time counts from the first one, and would be over.
+    Where the jobs of a failed run have a deadline together, it deletes all of them: the time counts from the first one, and would be over.
     """
     app = await fetch_app_with_jobs(session, name)
     runs = await list_runs(session, app)
-    has_deadline = bool((app["spec"].get("completion") or {}).get("deadline"))
-    failed_runs = [run for run in runs if run.phase == Phase.FAILED]
-    jobs = [(run, job) for run in failed_runs for job in (run.jobs if has_deadline else run.failed_jobs)]
-    if not jobs:
-        print_line(f"{name} has no failed run; nothing was changed")
-        return
     if app["spec"].get("suspend"):
         raise CliError(f"{name} is suspended; start it with: kubectl robotapp resume {name}")
+    # A run whose other components wait for a failed job has not ended, and never will.
+    has_deadline = bool((app["spec"].get("completion") or {}).get("deadline"))
+    jobs = [
+        (run, job)
+        for run in runs
+        if run.phase != Phase.COMPLETED
+        for job in (run.jobs if has_deadline and run.phase == Phase.FAILED else run.failed_jobs)
+    ]
+    if not jobs:
+        print_line(f"{name} has no failed job; nothing was changed")
+        print_refusal(app)
+        return
     for run, job in jobs:
         await _delete_job(session, job)
         print_line(f"{run.instance.name or name}: {job.component} runs once more")

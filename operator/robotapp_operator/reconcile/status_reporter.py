@@ -14,7 +14,7 @@ from robotapp_client.tools.event_recorder import EventRecorder, reference
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.app_figures import adopt, steady
-from robotapp_operator.plan.status.events import PendingEvent, end_of_life, events_between
+from robotapp_operator.plan.status.events import PendingEvent, end_of_life, events_between, name_instance_kind
 from robotapp_operator.plan.status.facts import AppFacts
 from robotapp_operator.plan.status.pace import is_progress, is_start
 from robotapp_operator.plan.status.status import render_status, same_status, unreadable_status
@@ -117,7 +117,11 @@ class Reporter:
 
     def _announce(self, record: Record, status: dict[str, Any], memory: AppMemory, *, present: Collection[str]) -> None:
         events: list[PendingEvent] = events_between(
-            record.status, status, new_domains=memory.new_domains, there=present
+            record.status,
+            status,
+            new_domains=memory.new_domains,
+            there=present,
+            kind=name_instance_kind(record.app),
         )
         memory.new_domains.clear()
         late = end_of_life(record.app, record.status, self._now().date()) if record.app else None

@@ -72,10 +72,11 @@ def admitted_instances(app: App, cache: Cache) -> frozenset[str]:
 
 
 def describe_turn(app: App, instance: str, cache: Cache) -> str:
-    """Returns why an instance of a sweep does not begin yet, "" for one that may, or has begun."""
+    """Returns why an instance of a sweep does not begin yet, "" for one that may, or has begun, and where the spec is refused for all."""
     if app.spec.matrix is None or instance in cache.running_instances(app.uid):
         return ""
-    if instance in admitted_instances(app, cache):
+    is_refused = any(problem.reason == Reason.INVALID_SPEC for problem in problems_now(app, cache))
+    if is_refused or instance in admitted_instances(app, cache):
         return ""
     return f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
 

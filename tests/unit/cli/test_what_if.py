@@ -90,6 +90,7 @@ def test_where_nothing_changes_that_is_said_and_json_is_the_answer(cluster: Stag
     cluster.scheduler.outcome = {**ANSWER, "pods": [], "edges": [], "hidden": {"pods": 0, "edges": 0}}
     text = cluster.text("what-if", "--node-loss", "edge-1", *url(cluster))
     assert text.startswith("No pod would move.\n\nNo edge would get another verdict.\n")
+    assert "\n7 edges were looked at: their verdict stays\n" in text
     assert "other namespaces" not in text
 
 

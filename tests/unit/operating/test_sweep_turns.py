@@ -47,6 +47,17 @@ def test_the_first_instance_has_its_turn_and_the_others_are_told_the_number() ->
     assert [describe_turn(app, name, cache) for name in (second, third)] == [text, text]
 
 
+def test_no_instance_of_a_refused_spec_waits_for_its_turn() -> None:
+    cache, app = make_cache()
+    _, second, _ = app.sweep
+    assert describe_turn(app, second, cache).startswith("waits for its turn")
+    refused = component("sim", job={}, args=["$(MATRIX_SPED)"])
+    cache = Cache()
+    record = cache.update_app(app_body(components=[refused], matrix=MATRIX))
+    assert record.app is not None
+    assert describe_turn(record.app, second, cache) == ""
+
+
 def test_a_job_that_has_ended_gives_the_turn_to_the_next_instance() -> None:
     cache, app = make_cache()
     first, second, third = app.sweep

@@ -163,13 +163,18 @@ def _our_scheduler(facts: AppFacts) -> str:
     return "leave spec.schedulerName out" if ours else f"write spec.schedulerName: {SCHEDULER_NAME}"
 
 
+_NEEDS_NOTHING: Final = "the app needs neither a domain nor devices"
+
+
 def _all_allocated(facts: AppFacts) -> Verdict:
     held, wanted = _devices(facts)
     domains = sorted({instance.domain for instance in facts.instances if instance.domain is not None})
     free = _unclaimed_text(facts)
     notes = [_named(facts, instance, instance.ledger_note) for instance in facts.instances if instance.ledger_note][:1]
     if not domains and not wanted:
-        text = f"nothing has to be claimed: {free}" if free else "the app needs neither a domain nor devices"
+        have_ended = bool(facts.instances) and all(instance.ending is not None for instance in facts.instances)
+        without = "every instance has ended and has given back what it had" if have_ended else _NEEDS_NOTHING
+        text = f"nothing has to be claimed: {free}" if free else without
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "; ".join([text, *notes]))
     parts = [f"domain {shown(domains)}"] if domains else []
     parts += [f"{count_of(held, wanted, 'device', '', '').rstrip()}{_ledger_text(facts, held)}"] if wanted else []

@@ -70,19 +70,27 @@ TURNS = (
 )
 
 
+def name_instance_kind(app: App | None) -> str:
+    """Returns what an instance with a name is: the app on a robot, or a run of a sweep."""
+    return "run" if app is not None and app.spec.matrix is not None else "robot"
+
+
 def events_between(
     before: Mapping[str, Any],
     after: Mapping[str, Any],
     *,
     new_domains: Mapping[str, int],
     there: Collection[str] = (),
+    kind: str = "robot",
 ) -> list[PendingEvent]:
-    """Compare two statuses of one app. `new_domains`: instance -> id that was claimed since. `there`: its devices that are present."""
+    """Compares two statuses of one app. new_domains: instance -> id that was claimed since; there: its devices that are present;
+    kind: what an instance with a name is, see `name_instance_kind`.
+    """
     events = [
         PendingEvent(
-            EventReason.DOMAIN_ALLOCATED, f"{f'robot {robot}: ' if robot else ''}domain {number}", warning=False
+            EventReason.DOMAIN_ALLOCATED, f"{f'{kind} {name}: ' if name else ''}domain {number}", warning=False
         )
-        for robot, number in sorted(new_domains.items())
+        for name, number in sorted(new_domains.items())
     ]
     turned = _turned(_reasons(before), _reasons(after))
     was, (status, _, message) = _reasons(before).get(_ALLOCATED, ("", "", "")), turned.get(_ALLOCATED, ("", "", ""))

@@ -27,7 +27,7 @@ from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job, Node, Service, version_number
 from robotapp_operator.plan.spec.record import Record
-from robotapp_operator.plan.status.events import PendingEvent
+from robotapp_operator.plan.status.events import PendingEvent, name_instance_kind
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import Written, execute, stop
 from robotapp_operator.reconcile.devices.resource_claims import release_unused, write_claims
@@ -282,7 +282,7 @@ class InstanceReconciler:
 
     def _announce_about(self, app: App, robot: str, reason: EventReason, note: str, *, warning: bool) -> None:
         """Writes an event about one instance of the app."""
-        text = f"robot {robot}: {note}" if robot else note
+        text = f"{name_instance_kind(app)} {robot}: {note}" if robot else note
         log.info("%s/%s: %s", app.namespace, app.name, text)
         self._announce(app, PendingEvent(reason, text, warning=warning))
 

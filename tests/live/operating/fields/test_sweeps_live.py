@@ -103,7 +103,7 @@ def test_twelve_instances_three_at_a_time_all_complete_and_give_their_domains_ba
     assert all(line[3] == "Completed" and line[-1] == "0" for line in listed[1:])
     provenance = json.loads(run_command(runs, "runs", "sweep", "-o", "json"))
     assert all(run["jobs"][0]["specHash"] and run["jobs"][0]["pods"][0]["node"] for run in provenance)
-    assert "no failed run" in run_command(runs, "runs", "sweep", "--failed")
+    assert "no failed job" in run_command(runs, "runs", "sweep", "--failed")
 
 
 def test_a_further_value_runs_alone_and_a_run_whose_job_is_deleted_runs_again(runs: Tenant, ids: str) -> None:

@@ -53,6 +53,16 @@ def test_a_type_that_nobody_publishes_is_answered_with_what_is_there() -> None:
     assert "a rule of the agent that names it lidar" in text
 
 
+@pytest.mark.parametrize("wanted", ["can", "microphone"])
+def test_a_type_that_agents_publish_is_to_be_plugged_in_and_no_device_of_another_type_is_named_in_its_place(
+    wanted: str,
+) -> None:
+    text = describe_missing(DeviceRequirement(type=wanted), ROVER)
+    assert text.startswith(f"no {wanted} on rover-1, but serial-0403-6001-a50285bi (/dev/ttyUSB0) on rover-1")
+    assert "plug it in, or choose a node that has it" in text
+    assert "write type" not in text
+
+
 def test_another_model_is_answered_with_the_devices_of_the_type() -> None:
     text = describe_missing(DeviceRequirement(type="camera", model="ZED 2"), ROVER)
     assert text.startswith(

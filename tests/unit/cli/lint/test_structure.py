@@ -58,8 +58,17 @@ def of_component(**fields: Any) -> tuple[str, str]:
         ({"privileged": True}, "write securityContext: {privileged: true}"),
         ({"shm_size": "1g"}, "write sharedMemory: {size: 1Gi}"),
         ({"template": {"spec": {"affinity": {}}}}, "write nodeSelector, runsOn, requires, colocateWith"),
-        ({"completions": 1}, "for a program that ends write a Job"),
-        ({"template": {"spec": {"activeDeadlineSeconds": 9}}}, "for a program that ends write a Job"),
+        ({"completions": 1}, "write job: {} for a program that ends"),
+        ({"backoffLimit": 1}, "write job: {backoffLimit: …}"),
+        ({"job": {"restartPolicy": "Never"}}, "as often as job.backoffLimit"),
+        ({"restartPolicy": "Never"}, "as often as job.backoffLimit"),
+        ({"job": {"parallelism": 2}}, "spec.matrix"),
+        ({"job": {"schedule": "0 3 * * *"}}, "a CronJob of your own"),
+        ({"job": {"ttlSecondsAfterFinished": 60}}, "stay with their logs until the app is deleted"),
+        (
+            {"template": {"spec": {"activeDeadlineSeconds": 9}}},
+            "write job: {activeDeadlineSeconds: …} in the component",
+        ),
         ({"expose": 80}, "write service: {spec: {ports: [{name: http, port: 80}]}}"),
         (
             {"service": {"port": 1, "spec": {"ports": [{"name": "a", "port": 1}]}}},
@@ -70,6 +79,20 @@ def of_component(**fields: Any) -> tuple[str, str]:
 def test_what_other_kinds_have_is_answered_with_what_to_write(fields: dict[str, Any], cure: str) -> None:
     _, message = of_component(**fields)
     assert cure in message
+
+
+@pytest.mark.parametrize(
+    ("fields", "path", "cure"),
+    [
+        ({"schedule": "0 3 * * *"}, "spec.schedule", "a CronJob of your own"),
+        ({"ttl": "1h"}, "spec.ttl", "until the app is deleted"),
+        ({"completion": {"ttl": "1h"}}, "spec.completion.ttl", "until the app is deleted"),
+    ],
+)
+def test_a_clock_and_an_end_of_jobs_are_answered_with_what_there_is(
+    fields: dict[str, Any], path: str, cure: str
+) -> None:
+    assert cure in {one.path: one.message for one in found(app(**fields))}[path]
 
 
 def test_short_forms_that_people_write_are_answered_with_the_long_one() -> None:

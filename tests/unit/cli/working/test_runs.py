@@ -114,6 +114,21 @@ def test_failed_runs_are_repeated_and_others_are_left_alone(stage: Stage) -> Non
     assert [key.name for key in stage.api.store.objects if key.collection == JOBS] == ["teleop-a-sim"]
 
 
+def test_a_failed_job_is_repeated_also_where_others_wait_for_it_and_its_run_has_not_ended(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Pending"))
+    stage.add(JOBS, job("a", "Failed"))
+    assert "a: sim runs once more" in stage.text("runs", "teleop", "--failed")
+
+
+def test_runs_of_a_refused_spec_are_answered_with_the_reason(stage: Stage) -> None:
+    refused = {"type": "Accepted", "status": "False", "reason": "InvalidSpec", "message": "$(MATRIX_SPED) is none"}
+    stage.add(ROBOTAPPS, {**sweep(), "status": {"conditions": [refused]}})
+    stage.add(INSTANCES, run_object("a", "Failed"))
+    assert "No job is made: $(MATRIX_SPED) is none" in stage.text("runs", "teleop")
+    assert "no failed job; nothing was changed\nNo job is made" in stage.text("runs", "teleop", "--failed")
+
+
 def test_all_jobs_of_a_failed_run_with_a_deadline_run_again_because_the_time_counts_from_the_first(
     stage: Stage,
 ) -> None:

@@ -28,6 +28,8 @@ def test_new_domains_are_told_per_robot() -> None:
     (item,) = events_between({}, {}, new_domains={"amr-07": 7})
     assert (item.reason, item.note, item.warning) == (EventReason.DOMAIN_ALLOCATED, "robot amr-07: domain 7", False)
     assert events_between({}, {}, new_domains={"": 7})[0].note == "domain 7"
+    (run,) = events_between({}, {}, new_domains={"1-0-5f3c2a91": 7}, kind="run")
+    assert run.note == "run 1-0-5f3c2a91: domain 7"
 
 
 def test_each_state_is_told_when_it_begins_and_not_again() -> None:

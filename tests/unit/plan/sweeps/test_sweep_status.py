@@ -57,4 +57,7 @@ def test_instances_that_wait_for_their_turn_are_in_no_trouble() -> None:
 
 
 def test_a_sweep_whose_instances_have_all_completed_is_completed() -> None:
-    assert status_of(None, None)["phase"] == Phase.COMPLETED
+    status = status_of(None, None)
+    assert status["phase"] == Phase.COMPLETED
+    allocated = next(item["message"] for item in status["conditions"] if item["type"] == "Allocated")
+    assert allocated == "every instance has ended and has given back what it had"
