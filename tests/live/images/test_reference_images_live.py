@@ -1,4 +1,4 @@
-"""Images of the reference applications: whoever builds one, and when, gets the same bytes. Two of them, others every day; all with ROBOTAPP_SAMPLES=all."""
+"""Images of the reference applications: whoever builds one, and when, gets the same bytes. Two of them, others every day; all with ROBOTAPP_IMAGES=all, which no landing sets: they take minutes."""
 
 import hashlib
 import logging
@@ -23,7 +23,7 @@ COUNT = 2
 
 
 def choose_apps() -> list[str]:
-    if os.environ.get("ROBOTAPP_SAMPLES") == "all":
+    if os.environ.get("ROBOTAPP_IMAGES") == "all":
         return APPS
     first = daily_seed() * COUNT % len(APPS)
     return APPS[first : first + COUNT]
