@@ -14,7 +14,16 @@ from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.sweeps.matrix import expand_matrix
 from robotapp_claims.rules.identity import hash10
-from robotapp_claims.rules.objects import COMPLETE, OUT_OF_TIME, App, Job, Meta
+from robotapp_claims.rules.objects import (
+    COMPLETE,
+    OUT_OF_TIME,
+    App,
+    Job,
+    JobConditionLike,
+    Meta,
+    find_verdict,
+    is_stopped,
+)
 
 ANY: Final = "Any"
 FEW_MISSING: Final = 3
@@ -317,15 +326,34 @@ def _read_deadline(text: str | None) -> timedelta | None:
 
 def read_job_state(job: Job) -> JobState:
     """Returns what a Job has come to."""
-    generation, verdict = job.metadata.annotations.get(Annotation.APP_GENERATION, ""), job.status.verdict
-    return JobState(
+    return build_job_state(
+        job.metadata.annotations,
+        job.status.conditions,
         created=job.metadata.creation_timestamp,
+        started=job.status.start_time,
+        suspended=job.spec.suspend,
+    )
+
+
+def build_job_state(
+    annotations: Mapping[str, str],
+    conditions: Iterable[JobConditionLike],
+    *,
+    created: str | None,
+    started: str | None,
+    suspended: bool,
+) -> JobState:
+    """Returns what a Job has come to by its fields, however they were decoded. suspended: `spec.suspend`."""
+    conditions = tuple(conditions)
+    generation, verdict = annotations.get(Annotation.APP_GENERATION, ""), find_verdict(conditions)
+    return JobState(
+        created=created or "",
         generation=int(generation) if generation.isdecimal() else 0,
         verdict=verdict.type if verdict else "",
-        ended=verdict.last_transition_time if verdict else "",
+        ended=(verdict.last_transition_time or "") if verdict else "",
         reason=verdict.reason if verdict else "",
-        started=job.status.start_time,
-        suspended=job.spec.suspend or job.status.is_suspended,
+        started=started or "",
+        suspended=suspended or is_stopped(conditions),
     )
 
 

@@ -4,7 +4,8 @@ Sweeps decode thousands of these straight from bytes; every field that is not na
 Optional lists and maps have empty defaults, because the API server leaves empty ones out.
 """
 
-from typing import Any, Final
+from collections.abc import Iterable
+from typing import Any, Final, Protocol, TypeVar
 
 import msgspec
 
@@ -275,6 +276,35 @@ class JobCondition(Object, frozen=True, kw_only=True):
     last_transition_time: str = ""
 
 
+class JobConditionLike(Protocol):
+    """A Job's condition, in whatever struct it was decoded into."""
+
+    @property
+    def type(self) -> str: ...
+
+    @property
+    def status(self) -> str: ...
+
+    @property
+    def reason(self) -> str: ...
+
+    @property
+    def last_transition_time(self) -> str | None: ...
+
+
+AnyCondition = TypeVar("AnyCondition", bound=JobConditionLike)
+
+
+def find_verdict(conditions: Iterable[AnyCondition]) -> AnyCondition | None:
+    """Returns the condition Complete or Failed of a job that has ended, so that its pods have ended, too."""
+    return next((item for item in conditions if item.type in {COMPLETE, FAILED} and item.status == "True"), None)
+
+
+def is_stopped(conditions: Iterable[JobConditionLike]) -> bool:
+    """Tells whether the Job controller has stopped a suspended job, and has not yet started it again."""
+    return any(item.type == SUSPENDED and item.status == "True" for item in conditions)
+
+
 class JobSpec(DeploymentSpec, frozen=True, kw_only=True):
     suspend: bool = False
 
@@ -287,13 +317,7 @@ class JobStatus(Object, frozen=True, kw_only=True):
     @property
     def verdict(self) -> JobCondition | None:
         """The condition Complete or Failed of a job none of whose pods will run any more."""
-        final = (one for one in self.conditions if one.type in {COMPLETE, FAILED} and one.status == "True")
-        return next(final, None)
-
-    @property
-    def is_suspended(self) -> bool:
-        """Whether the Job controller has stopped it, and has not yet started it again."""
-        return any(one.type == SUSPENDED and one.status == "True" for one in self.conditions)
+        return find_verdict(self.conditions)
 
 
 class Job(Object, frozen=True, kw_only=True):

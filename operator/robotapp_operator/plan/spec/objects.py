@@ -8,10 +8,10 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.model.names import Annotation, Label
+from robotapp_api.model.names import Label
 from robotapp_api.values.placement.round_trips import Rtt
 from robotapp_claims.rules import objects as claims
-from robotapp_claims.rules.instances import JobState, robot_of
+from robotapp_claims.rules.instances import JobState, build_job_state, robot_of
 from robotapp_claims.rules.objects import TelemetryDevice
 
 _LABELS: Final = frozenset(label.value for label in Label)
@@ -122,8 +122,7 @@ class Job(Spec):
     @property
     def verdict(self) -> ObjectCondition | None:
         """The condition Complete or Failed of a job that has ended; its pods have ended then, too."""
-        finals = (claims.COMPLETE, claims.FAILED)
-        return next((one for one in self.status.conditions if one.type in finals and one.status == "True"), None)
+        return claims.find_verdict(self.status.conditions)
 
     @property
     def is_complete(self) -> bool:
@@ -146,21 +145,13 @@ class Job(Spec):
     @property
     def state(self) -> JobState:
         """What the claim rules read of it."""
-        generation = self.metadata.annotations.get(Annotation.APP_GENERATION, "")
-        return JobState(
-            created=self.metadata.creation_timestamp or "",
-            generation=int(generation) if generation.isdecimal() else 0,
-            verdict=self.verdict.type if self.verdict else "",
-            ended=(self.verdict.last_transition_time or "") if self.verdict else "",
-            reason=self.verdict.reason if self.verdict else "",
-            started=self.status.start_time or "",
-            suspended=self.is_suspended or self._is_stopped,
+        return build_job_state(
+            self.metadata.annotations,
+            self.status.conditions,
+            created=self.metadata.creation_timestamp,
+            started=self.status.start_time,
+            suspended=self.is_suspended,
         )
-
-    @property
-    def _is_stopped(self) -> bool:
-        """Whether the Job controller has stopped it, and has not yet started it again."""
-        return any(one.type == claims.SUSPENDED and one.status == "True" for one in self.status.conditions)
 
 
 def pod_spec(deployment: Mapping[str, Any]) -> Mapping[str, Any]:
