@@ -78,8 +78,8 @@ async def read_ledgers(client: ApiClient, nodes: list[str]) -> Ledgers:
     except Forbidden:
         driver_nodes = await _list_driver_nodes(client)
         return Ledgers(tuple(reserved), find_hidden_nodes(nodes, claims_are_read=False, driver_nodes=driver_nodes))
-    held = (claim for resource_claim in resource_claims for claim in list_held(resource_claim))
-    return Ledgers((*reserved, *held))
+    from_claims = (claim for resource_claim in resource_claims for claim in list_held(resource_claim))
+    return Ledgers((*reserved, *from_claims))
 
 
 async def _list_driver_nodes(client: ApiClient) -> list[str] | None:

@@ -27,15 +27,15 @@ def shallow(body: bytes, *, most: int = MOST_NESTED) -> bytes:
     b'{"a": [null, 1]}'
     """
     parts: list[bytes] = []
-    depth = kept = 0
+    depth = copied_to = 0
     for token in _NESTING.finditer(body):
         sign = body[token.start()]
         if sign in b"{[":
             if depth == most:
-                parts += (body[kept : token.start()], b"null")
+                parts += (body[copied_to : token.start()], b"null")
             depth += 1
         elif sign in b"}]":
             depth -= 1
             if depth == most:
-                kept = token.end()
-    return b"".join([*parts, body[kept:]])
+                copied_to = token.end()
+    return b"".join([*parts, body[copied_to:]])

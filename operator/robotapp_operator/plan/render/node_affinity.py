@@ -142,13 +142,14 @@ def _hardware(component: Component, *, by_claim: bool) -> Iterable[dict[str, Any
 
 def _keep_to_the_robot(component: Component, desired: Desired) -> Iterable[dict[str, Any]]:
     """Yields where partners that run on the robot alone let the component run, whichever of them is placed first."""
-    partners = neighbours_of(desired.app.spec).get(component.name, NO_NEIGHBOURS)
     robot_components = {other.name for other in desired.app.spec.components if tuple(other.runs_on) == (ROBOT,)}
-    if desired.robot_name and component.name not in robot_components:
-        if robot_components & {*partners.together}:
-            yield is_in(Label.ROBOT, desired.robot_name)
-        if robot_components & {*partners.apart}:
-            yield {"key": Label.ROBOT.value, "operator": "NotIn", "values": [desired.robot_name]}
+    if not desired.robot_name or not robot_components or component.name in robot_components:
+        return
+    partners = neighbours_of(desired.app.spec).get(component.name, NO_NEIGHBOURS)
+    if robot_components & {*partners.together}:
+        yield is_in(Label.ROBOT, desired.robot_name)
+    if robot_components & {*partners.apart}:
+        yield {"key": Label.ROBOT.value, "operator": "NotIn", "values": [desired.robot_name]}
 
 
 def _labelled(kind: str, interface: str, model: str) -> dict[str, Any]:
