@@ -278,6 +278,8 @@ class JobState(NamedTuple):
     """When it was started last; "" before that."""
     suspended: bool = False
     """Whether it waits, because its app is suspended or its queue has not admitted it."""
+    comes_back: bool = False
+    """Whether its component has a schedule, so that it ends no instance and has no part in its deadline."""
 
 
 class Ending(NamedTuple):
@@ -295,11 +297,11 @@ class Ending(NamedTuple):
 
 def completion_rules_of(app: App) -> CompletionRules | None:
     """Returns when instances of the app end, None for those that run on: without a job, or with components beside the jobs and no
-    `completion`. A component with replicas: 0 counts for nothing.
+    `completion`. A component with schedule runs on. One with replicas: 0 counts for nothing.
     """
     spec = app.spec
     components = [component for component in spec.components if component.replicas]
-    jobs = [component for component in components if component.job is not None]
+    jobs = [component for component in components if component.ends]
     if spec.completion is None:
         ends = bool(jobs) and len(jobs) == len(components)
         return CompletionRules(frozenset(name for job in jobs for name in job.names)) if ends else None
@@ -354,6 +356,7 @@ def build_job_state(
         reason=verdict.reason if verdict else "",
         started=started or "",
         suspended=suspended or is_stopped(conditions),
+        comes_back=Annotation.SETTLED_AT in annotations or Annotation.DUE_AT in annotations,
     )
 
 
@@ -388,10 +391,11 @@ def deadline_of(rules: CompletionRules, jobs: Mapping[str, JobState]) -> datetim
 
     An edit of the app begins it anew with the next job that is made: what the jobs before took may be longer than the deadline.
     """
-    if rules.deadline is None or not jobs:
+    counting = [job for job in jobs.values() if not job.comes_back]
+    if rules.deadline is None or not counting:
         return None
-    latest = max(job.generation for job in jobs.values())
-    newest = [job for job in jobs.values() if job.generation == latest]
+    latest = max(job.generation for job in counting)
+    newest = [job for job in counting if job.generation == latest]
     is_edited = rules.generation > latest and not rules.jobs <= jobs.keys()
     if is_edited or any(job.suspended and not job.verdict for job in newest):
         return None

@@ -368,6 +368,12 @@ class Component(Object, frozen=True, kw_only=True):
     replica_identity: str = ""
     ros: str = ""
     job: dict[str, Any] | None = None
+    schedule: dict[str, Any] | None = None
+
+    @property
+    def ends(self) -> bool:
+        """Whether its program runs once and ends; one with schedule comes back."""
+        return self.job is not None and self.schedule is None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -39,6 +39,7 @@ _OF_A_COMPONENT: Final = frozenset(
         "replicas",
         "replicaIdentity",
         "job",
+        "schedule",
         "onDisconnect",
     }
 )

@@ -35,10 +35,18 @@ _JOB_SPEC: Final = {
     ),
     **dict.fromkeys(
         ("schedule", "cron"),
-        f"remove it: nothing starts an app by the clock; a CronJob of your own may create or edit it ({_RUNS_THAT_END})",
+        f'write schedule: {{cron: "0 2 * * *"}} beside job in the component ({_RUNS_THAT_END})',
     ),
 }
 """Fields of Jobs and CronJobs that no app has → what to do in place of them."""
+_CRON_JOB: Final = {
+    "concurrencyPolicy": "remove it: a run that still goes when the next one is due has that one skipped",
+    **dict.fromkeys(
+        ("successfulJobsHistoryLimit", "failedJobsHistoryLimit"),
+        "remove it: the Job of the last run stays until the next one begins",
+    ),
+}
+"""Fields of CronJobs beside a schedule → what to do in place of them."""
 _RESTART: Final = (
     "remove it: a program is started again when it ends, with job: {} in the component only when it fails, "
     f"as often as job.backoffLimit ({_RUNS_THAT_END})"
@@ -80,11 +88,22 @@ FIELDS: Final[dict[str, str]] = {
     **{f"{_COMPONENT}.{name}": f"{cure} (docs/how-to/reach-the-node.md)" for name, cure in _OF_COMPOSE.items()},
     **{f"{place}.affinity": _AFFINITY for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
     **{f"{_COMPONENT}.{name}": f"write job: {{{name}: …}}" for name in _ON_JOB},
+    f"{_COMPONENT}.schedule.suspend": "write replicas: 0 in the component, or spec.suspend: true for the app",
     f"{_COMPONENT}.template.spec.activeDeadlineSeconds": "write job: {activeDeadlineSeconds: …} in the component",
     **{
         f"{place}.{name}": cure
         for name, cure in _JOB_SPEC.items()
         for place in ("spec", "spec.completion", _COMPONENT, f"{_COMPONENT}.job", f"{_COMPONENT}.template.spec")
+    },
+    **{
+        f"{place}.{name}": f"write it in schedule beside job: {{cron: …, {name}: …}}"
+        for name in ("timeZone", "startingDeadlineSeconds")
+        for place in ("spec", _COMPONENT, f"{_COMPONENT}.job")
+    },
+    **{
+        f"{place}.{name}": f"{cure} ({_RUNS_THAT_END})"
+        for name, cure in _CRON_JOB.items()
+        for place in ("spec", _COMPONENT, f"{_COMPONENT}.job", f"{_COMPONENT}.schedule")
     },
     **{f"{place}.restartPolicy": _RESTART for place in ("spec", _COMPONENT, f"{_COMPONENT}.job")},
     **{f"{place}.{name}": _SERVICE for name in ("services", "expose") for place in ("spec", _COMPONENT)},

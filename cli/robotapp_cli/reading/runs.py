@@ -34,6 +34,16 @@ class JobRun:
         return label(self.obj, Label.COMPONENT)
 
     @property
+    def due(self) -> str:
+        """For which due time of its schedule it was made; "" for a job that runs once."""
+        return str((meta(self.obj).get("annotations") or {}).get(Annotation.DUE_AT) or "")
+
+    @property
+    def is_mark(self) -> bool:
+        """Whether it only marks since when a schedule counts, and never runs."""
+        return not self.due and Annotation.SETTLED_AT in (meta(self.obj).get("annotations") or {})
+
+    @property
     def result(self) -> str:
         """Complete, Failed, Suspended or Running."""
         for kind in ("Complete", "Failed", "Suspended"):
@@ -98,7 +108,8 @@ class Run:
 
     @property
     def failed_jobs(self) -> list[JobRun]:
-        return [job for job in self.jobs if job.result == "Failed"]
+        """Jobs that have failed, without those with schedule, which come back by themselves."""
+        return [job for job in self.jobs if job.result == "Failed" and not job.due]
 
     def seconds(self, now: datetime | None = None) -> float | None:
         """Returns how long it took, or has taken so far; None before its start."""
@@ -125,7 +136,9 @@ def collect_runs(instances: Iterable[Instance], jobs: Iterable[Json], pods: Iter
             pods_of[str(owner.get("uid"))].append(pod)
     jobs_of: defaultdict[str, list[JobRun]] = defaultdict(list)
     for job in jobs:
-        jobs_of[label(job, Label.INSTANCE)].append(JobRun(job, pods_of[str(meta(job).get("uid"))]))
+        job_run = JobRun(job, pods_of[str(meta(job).get("uid"))])
+        if not job_run.is_mark:
+            jobs_of[label(job, Label.INSTANCE)].append(job_run)
     return [
         Run(instance, sorted(jobs_of[instance.name], key=lambda job: job.component))
         for instance in sorted(instances, key=lambda instance: instance.name)
@@ -170,6 +183,7 @@ def _describe_job(job: JobRun, kubelets: dict[str, str]) -> Json:
     annotations = meta(job.obj).get("annotations") or {}
     return {
         "component": job.component,
+        "dueTime": job.due or None,
         "job": meta(job.obj).get("name"),
         "result": job.result,
         "reason": job.reason or None,

@@ -14,6 +14,7 @@ from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.recordings.problems import recording_notes, recording_problems
 from robotapp_api.checks.replicas import replica_problems
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
+from robotapp_api.checks.schedules.problems import schedule_problems
 from robotapp_api.checks.sweeps.problems import sweep_problems
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.override import ComponentOverride
@@ -49,6 +50,7 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from edge_problems(spec.edges)
     yield from recording_problems(spec)
     yield from sweep_problems(spec)
+    yield from schedule_problems(spec)
 
 
 def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[Note]:
@@ -90,7 +92,7 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
 
 def _completion_notes(spec: RobotAppSpec) -> Iterator[Note]:
     """Yields that no job is left that could end an instance, because those that count are suspended."""
-    jobs = [component for component in spec.components if component.job is not None]
+    jobs = [component for component in spec.components if component.ends]
     if spec.completion is not None and spec.completion.success.components:
         jobs = [component for component in jobs if component.name in spec.completion.success.components]
     if (spec.completion is not None or spec.matrix is not None) and not any(job.replicas for job in jobs):

@@ -6,12 +6,14 @@ from pydantic import Field, StringConstraints, WithJsonSchema
 
 from robotapp_api.model.markers import Rule
 from robotapp_api.model.patterns import (
+    CRON_PATTERN,
     DURATION_PATTERN,
     IMAGE_PATTERN,
     LABEL_PATTERN,
     NAME_OF_ROBOT,
     QUANTITY_PATTERN,
     SUBDOMAIN_PATTERN,
+    TIME_ZONE_PATTERN,
 )
 
 
@@ -45,6 +47,26 @@ Duration = Annotated[
     ),
 ]
 """A rule instead of a pattern: the API server shows a pattern as it is, and a rule's message instead of the rule."""
+
+CronLine = Annotated[
+    str,
+    StringConstraints(max_length=100, pattern=CRON_PATTERN),
+    WithJsonSchema({"type": "string", "maxLength": 100}),
+    Rule(
+        rule=f"self.matches('{CRON_PATTERN}')",
+        message="write five fields, minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, "
+        "@monthly or @yearly; seconds and @every do not exist, * stands for ?, and a time zone belongs in timeZone",
+    ),
+]
+TimeZone = Annotated[
+    str,
+    StringConstraints(max_length=64, pattern=TIME_ZONE_PATTERN),
+    WithJsonSchema({"type": "string", "maxLength": 64}),
+    Rule(
+        rule=f"self.matches('{TIME_ZONE_PATTERN}')",
+        message="write a name of the IANA database of time zones, for example Europe/Athens or UTC",
+    ),
+]
 
 Timestamp = Annotated[
     str, StringConstraints(max_length=64), WithJsonSchema({"type": "string", "format": "date-time", "maxLength": 64})

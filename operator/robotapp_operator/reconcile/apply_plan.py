@@ -153,10 +153,13 @@ async def _write(
     fence = fences.get(child.ref.name) if child.ref.kind == DEPLOYMENT else None
     if fence is None:
         fence = Fence(over.metadata.uid, over.metadata.resource_version)
-    if change.amended is not None:
-        # No apply: a field of the newer operator's that we do not render would be removed by it.
-        test = {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}
-        patch: JsonPatch = [test, {"op": "replace", "path": "/spec", "value": change.amended}]
+    if change.amended is not None or change.records:
+        # No apply: a field of the newer operator's that we do not render would be removed by it, and a Job's template cannot be written.
+        patch: JsonPatch = [{"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}]
+        if change.amended is not None:
+            patch.append({"op": "replace", "path": "/spec", "value": change.amended})
+        for key, value in change.records.items():
+            patch.append({"op": "add", "path": f"/metadata/annotations/{key.replace('/', '~1')}", "value": value})
         return await _patch_tested(client, resource, child.ref.name, patch, namespace=app.namespace)
     live = await _read_fenced(client, resource, app.namespace, child.ref.name, fence)
     managed_fields = live["metadata"].get("managedFields") or []

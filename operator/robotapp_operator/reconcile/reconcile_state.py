@@ -93,6 +93,8 @@ class AppMemory:
     """When the first of these may be."""
     deadlines: dict[str, datetime] = dataclasses.field(default_factory=dict)
     """When the time of an instance's jobs is over."""
+    next_runs: dict[str, datetime] = dataclasses.field(default_factory=dict)
+    """When a component with schedule is due next."""
     overrides: dict[str, object] = dataclasses.field(default_factory=dict)
     """By instance, the overrides that its node chose when the app was last planned."""
     barred: dict[str, frozenset[str]] = dataclasses.field(default_factory=dict)
@@ -178,6 +180,7 @@ class ReconcileState:
             memory.config_held,
             memory.config_due,
             memory.deadlines,
+            memory.next_runs,
             memory.overrides,
             memory.barred,
             memory.judged,

@@ -66,7 +66,9 @@ READERS: Final[Mapping[str, str]] = {
     f"{PLAN}/spec/desired.py": """
         spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros1.image spec.ros2.shareWith.namespace
         spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend
-        spec.placement.reschedule.for spec.placement.reschedule.cooldown""",
+        spec.placement.reschedule.for spec.placement.reschedule.cooldown spec.components.schedule.cron
+        spec.components.schedule.timeZone""",
+    f"{PLAN}/diff/schedules.py": "spec.components.schedule.startingDeadlineSeconds",
     f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
     f"{PLAN}/render/environment.py": "spec.ros1.uri",
     f"{PLAN}/render/infrastructure.py": "spec.placement.masterNode spec.ros2.external.expose",

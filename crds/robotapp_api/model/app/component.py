@@ -16,7 +16,7 @@ from robotapp_api.model.app.template import Template
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Core, ListMap, ListSet, Rule
 from robotapp_api.model.packed import PackedList, PackedMap
-from robotapp_api.model.scalars import DnsLabel, DnsName, Duration, Image, Quantity, TopicName
+from robotapp_api.model.scalars import CronLine, DnsLabel, DnsName, Duration, Image, Quantity, TimeZone, TopicName
 
 Tier = Literal["Robot", "Edge", "Cloud"]
 QosClass = Literal["realtime", "sensor_data", "system_default", "best_effort"]
@@ -95,6 +95,19 @@ class Job(Model):
     """How many times a program that failed is started again before the job has failed."""
     active_deadline_seconds: Annotated[int, Field(ge=1, le=31_536_000)] | None = None
     """Seconds that all attempts together may take; then the job has failed. Absent means no limit."""
+
+
+class Schedule(Model):
+    """When the job of a component runs again."""
+
+    cron: CronLine
+    """Minute, hour, day of the month, month and day of the week, for example 0 2 * * * for every night at two; or @hourly, @daily,
+    @weekly, @monthly, @yearly."""
+    time_zone: TimeZone = "UTC"
+    """Whose clock the line is about, such as Europe/Athens."""
+    starting_deadline_seconds: Annotated[int, Field(ge=10, le=86_400)] = 600
+    """How late a run may begin, in seconds, for example after an outage of the operator. Of several that were missed only the last one is
+    made up for."""
 
 
 class SharedMemory(Model):
@@ -182,6 +195,12 @@ class Component(Model):
             expression="'component %s: a job is not ready, it completes; remove ready, and write dependsOn with status: Complete where others wait for it'.format([self.name])",
             path=".ready",
         ),
+        Rule(
+            rule="!has(self.schedule) || has(self.job)",
+            message="schedule runs a program that ends again and again; write job: {} beside it, or remove schedule",
+            expression="'component %s: schedule runs a program that ends again and again; write job: {} beside it, or remove schedule'.format([self.name])",
+            path=".schedule",
+        ),
     )
 
     name: DnsLabel
@@ -199,6 +218,9 @@ class Component(Model):
     job: Job | None = None
     """For a program that ends, such as a map saver or a calibration: it runs until it has ended with exit code 0. {} is enough.
     Absent means a program that runs on, which is started again when it ends. A change of the component runs the job again."""
+    schedule: Schedule | None = None
+    """When the job runs, again and again; a run that still goes when the next one is due has that one skipped. Such a component runs on,
+    so it is no part of completion, and nobody can wait for it. Absent means a job that runs once."""
     ros: Literal["None"] | None = None
     """None for a component without ROS, such as a database or a web server: no domain, no discovery and no ROS variables, everything
     else as for others. Absent means the app's ROS."""
@@ -283,3 +305,8 @@ class Component(Model):
     ends, and its successor starts when the node is back and the pod there has ended. Absent means Keep where
     runsOn is [Robot], else Failover, but a pod on a robot is waited for, because it may still drive: only Failover that is
     written starts a second one beside it."""
+
+    @property
+    def ends(self) -> bool:
+        """Whether its program runs once and ends."""
+        return self.job is not None and self.schedule is None

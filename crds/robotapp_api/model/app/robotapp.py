@@ -18,7 +18,8 @@ from robotapp_api.model.recording import Recording
 from robotapp_api.model.scalars import DnsLabel, Duration
 
 _NAMES = "self.components.map(c, c.name)"
-_JOBS = "self.components.filter(j, has(j.job)).map(j, j.name)"
+_JOBS = "self.components.filter(j, has(j.job) && !has(j.schedule)).map(j, j.name)"
+"""The components that end; one with schedule comes back."""
 _BY_STATUS = (
     f"sets.contains({_JOBS}, c.dependsOn.filter(d, d.status == 'Complete').map(d, d.component)) && "
     "sets.contains(self.components.filter(j, !has(j.job)).map(j, j.name), c.dependsOn.filter(d, d.status == 'Ready').map(d, d.component))"
@@ -62,7 +63,7 @@ class Success(Model):
     operator: Literal["All", "Any"] = "All"
     """All: each of the jobs completes. Any: the first of them does, and the others are ended."""
     components: Annotated[tuple[DnsLabel, ...], ListSet(), Field(max_length=64)] = ()
-    """Components with job that count; absent means all of them."""
+    """Components with job that count; absent means all of them. Those with schedule never do."""
 
 
 class Completion(Model):
@@ -100,19 +101,19 @@ class RobotAppSpec(Model):
         ),
         Rule(
             rule=f"self.components.all(c, !has(c.dependsOn) || {_BY_STATUS})",
-            message="dependsOn waits for a job with status: Complete, and for other components with status: Ready; write that status, or job: {} in a component that ends",
-            expression=f"'dependsOn of %s waits for a job with status: Complete, and for other components with status: Ready; write that status, or job: {{}} in a component that ends (jobs are %s)'.format([self.components.filter(c, has(c.dependsOn) && !({_BY_STATUS})).map(c, c.name), {_JOBS}])",
+            message="dependsOn waits for a job with status: Complete, and for components without job with status: Ready; write that status, or job: {} in a component that ends; nothing waits for one with schedule",
+            expression=f"'dependsOn of %s waits for a job with status: Complete, and for components without job with status: Ready; write that status, or job: {{}} in a component that ends (jobs are %s); nothing waits for one with schedule'.format([self.components.filter(c, has(c.dependsOn) && !({_BY_STATUS})).map(c, c.name), {_JOBS}])",
             path=".components",
         ),
         Rule(
             rule=f"!has(self.completion) || {_JOBS}.size() > 0",
-            message="completion is about components that end, and none does; write job: {} in one, or remove completion",
+            message="completion is about components that end, and none does (one with schedule comes back); write job: {} in one, or remove completion",
             path=".completion",
         ),
         Rule(
             rule=f"!has(self.completion) || !has(self.completion.success) || !has(self.completion.success.components) || sets.contains({_JOBS}, self.completion.success.components)",
-            message="completion.success.components must name components with job; write the name of one, or job: {} in it",
-            expression=f"'completion.success.components are %s, but the components with job are %s; write the name of one, or job: {{}} in it'.format([self.completion.success.components, {_JOBS}])",
+            message="completion.success.components must name components with job and without schedule; write the name of one, or job: {} in it",
+            expression=f"'completion.success.components are %s, but the components with job and without schedule are %s; write the name of one, or job: {{}} in it'.format([self.completion.success.components, {_JOBS}])",
             path=".completion.success.components",
         ),
         Rule(
@@ -136,6 +137,11 @@ class RobotAppSpec(Model):
             rule="!has(self.matrix) || !has(self.robots)",
             message="a sweep has an instance for each combination of values, and robots have one each; remove matrix or robots",
             path=".matrix",
+        ),
+        Rule(
+            rule="!has(self.matrix) || self.components.all(c, !has(c.schedule))",
+            message="an instance of a sweep runs once and ends, and a component with schedule comes back; remove schedule, or matrix",
+            path=".components",
         ),
         Rule(
             rule=f"!has(self.matrix) || {_JOBS}.size() > 0",

@@ -12,9 +12,11 @@ from robotapp_operator.plan.diff.jobs import (
     Progress,
     amend_job,
     end_at_once,
+    is_last_record,
     limit_time,
     must_delete,
     must_replace,
+    settle_run,
 )
 from robotapp_operator.plan.diff.newer import (
     Held,
@@ -42,12 +44,14 @@ Observed = Deployment | Job | Service
 class Change:
     """Write `child`: create it, or apply it over `over` (its uid and resourceVersion become preconditions).
 
-    With `amended`, the whole spec to write, `over` stays as a newer operator rendered it in everything else.
+    With `amended`, the whole spec to write, `over` stays as a newer operator rendered it in everything else. With `records`, these
+    annotations are written and nothing else.
     """
 
     child: Child
     over: Observed | None
     amended: dict[str, Any] | None = None
+    records: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -83,7 +87,14 @@ def wanted_children(
     A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
     if progress.ending is not None:
-        jobs = component_jobs(desired, domain=domain, parameters=parameters, running=True, ended=progress.ended)
+        jobs = component_jobs(
+            desired,
+            domain=domain,
+            parameters=parameters,
+            running=True,
+            idle=progress.idle,
+            run_times=progress.run_times,
+        )
         return [child for child in jobs if child.component in progress.jobs]
     if desired.app.ros_version == 2 and domain is None:
         return []
@@ -92,7 +103,11 @@ def wanted_children(
         children.append(peers_service(desired))
     children += replicas_services(desired) + component_services(desired)
     waiting = unmet_dependencies(
-        desired.app, (item for item in observed.values() if isinstance(item, Deployment)), pods, progress.jobs
+        desired.app,
+        (item for item in observed.values() if isinstance(item, Deployment)),
+        pods,
+        progress.jobs,
+        idle=progress.idle,
     )
     deployments = component_deployments(
         desired,
@@ -109,8 +124,9 @@ def wanted_children(
         parameters=parameters,
         running=running,
         waiting=waiting.keys(),
-        ended=progress.ended,
+        idle=progress.idle,
         claiming=claiming,
+        run_times=progress.run_times,
     )
     new_jobs = {child.ref for child in jobs} - observed.keys()
     jobs = [limit_time(child, progress) if child.ref in new_jobs else child for child in jobs]
@@ -151,6 +167,8 @@ def plan(
                 replaced.append(over)
             elif (job_spec := _change_job(app, child, over, progress)) is not None:
                 changes.append(Change(child, over, job_spec))
+            elif records := settle_run(app, child, over, progress):
+                changes.append(Change(child, over, records=records))
         elif in_place(child, over, settled):
             if not _has_records(child, over) and not written_by_newer(app, over, version):
                 changes.append(Change(child, over))
@@ -169,7 +187,11 @@ def plan(
     moved, still = _moved_servers(waiting, changes)
     held += [Held(change.child.ref.name, ours=version) for change in still]
     names = {child.ref for child in wanted}
-    unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
+    unwanted = [
+        item
+        for ref, item in sorted(observed.items())
+        if ref not in names and _prunable(app, item) and not (wanted and is_last_record(item, progress))
+    ]
     deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]
     return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign))
 

@@ -1,7 +1,8 @@
 """Jobs of components that end: which are those of today's spec, when their instance has ended, and what is done about each.
 
 The template of a Job cannot be changed, so a run with another one is another Job. One that has ended is never run again by
-itself: neither another version of the operator nor another domain or ConfigMap is a reason, only an edit of the component.
+itself: neither another version of the operator nor another domain or ConfigMap is a reason, only an edit of the component. A component
+with schedule has a Job for each run (`schedules`); its edits reach the next run.
 """
 
 import dataclasses
@@ -17,8 +18,10 @@ from robotapp_api.values.sweeps.matrix import choose_admitted
 from robotapp_claims.rules.instances import Ending, deadline_of, find_ending
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
+from robotapp_operator.plan.diff.schedules import ScheduledRun, is_run, plan_runs
 from robotapp_operator.plan.diff.unowned import domain_literals
 from robotapp_operator.plan.render.child import Child
+from robotapp_operator.plan.render.deployments import RunTimes, format_record
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Job
 
@@ -40,21 +43,35 @@ class Progress(NamedTuple):
     """Why the instance has ended, None while it has not."""
     deadline: datetime | None = None
     """When it will end at the latest."""
-    left_s: int | None = None
+    limit_s: int | None = None
     """Seconds that a Job which is created now may take, None without a deadline."""
+    runs: Mapping[str, ScheduledRun] = {}
+    """How far each component with schedule is."""
 
     @property
-    def ended(self) -> frozenset[str]:
-        """Components whose job has ended."""
-        return frozenset(name for name, job in self.jobs.items() if job.verdict is not None)
+    def idle(self) -> frozenset[str]:
+        """Components whose job has ended, or is not due."""
+        ended = {name for name, job in self.jobs.items() if job.verdict is not None}
+        return frozenset(ended | {name for name, run in self.runs.items() if not run.goes})
+
+    @property
+    def run_times(self) -> Mapping[str, RunTimes]:
+        """Which run of each component with schedule is wanted."""
+        return {name: run.times for name, run in self.runs.items()}
+
+    @property
+    def next_due(self) -> datetime | None:
+        """When a run is due next."""
+        return min((run.next_due for run in self.runs.values() if run.next_due is not None), default=None)
 
 
 NO_JOBS: Final = Progress()
 
 
 def current_jobs(app: App, observed: Iterable[object]) -> dict[str, Job]:
-    """Returns the Jobs that run, or have run, what the spec has today, by component."""
+    """Returns the Jobs that run, or have run, what the spec has today, by component, without those of schedules."""
     jobs = (item for item in observed if isinstance(item, Job) and item.metadata.controller_uid == app.uid)
+    jobs = (job for job in jobs if not is_run(job))
     by_component = {job.metadata.labels.get(Label.COMPONENT, ""): job for job in jobs if not job.is_deleting}
     return {name: job for name, job in by_component.items() if name in app.run_hashes and not is_edited(app, name, job)}
 
@@ -68,14 +85,18 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime) -> Pr
     """Returns how far the jobs of an instance are."""
     if not app.has_jobs:
         return NO_JOBS
+    observed = tuple(observed)
     jobs, rules = current_jobs(app, observed), app.completion_rules
-    if rules is None:
-        return Progress(jobs)
     states = {name: job.state for name, job in jobs.items()}
+    ending = find_ending(rules, states, now=now) if rules is not None else None
+    runs = plan_runs(app, observed, now=now, has_ended=ending is not None)
+    jobs |= {name: run.current_job for name, run in runs.items() if run.current_job is not None}
+    if rules is None:
+        return Progress(jobs, runs=runs)
     deadline = deadline_of(rules, states)
-    left = deadline - now if deadline is not None else rules.deadline
-    left_s = max(_AT_ONCE, math.ceil(left.total_seconds())) if left is not None else None
-    return Progress(jobs, find_ending(rules, states, now=now), deadline, left_s)
+    remaining = deadline - now if deadline is not None else rules.deadline
+    limit_s = max(_AT_ONCE, math.ceil(remaining.total_seconds())) if remaining is not None else None
+    return Progress(jobs, ending, deadline, limit_s, runs)
 
 
 def list_admitted(app: App, jobs: Mapping[str, Iterable[Job]], running: Collection[str]) -> frozenset[str]:
@@ -93,9 +114,9 @@ def list_admitted(app: App, jobs: Mapping[str, Iterable[Job]], running: Collecti
 
 def limit_time(child: Child, progress: Progress) -> Child:
     """Returns a new Job that ends by the deadline of its instance, also while no operator runs."""
-    if progress.left_s is None:
+    if progress.limit_s is None:
         return child
-    seconds = min(progress.left_s, child.spec.get(_TIME_LIMIT, progress.left_s))
+    seconds = min(progress.limit_s, child.spec.get(_TIME_LIMIT, progress.limit_s))
     return dataclasses.replace(child, spec={**child.spec, _TIME_LIMIT: seconds})
 
 
@@ -122,15 +143,16 @@ def is_queued(app: App, job: Job) -> bool:
 def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
     """Whether another Job has to take the place of this one.
 
-    Of one that may still run also where it names another domain than its instance has, since its pods would never be bound, or
-    where somebody has changed who binds them. What a newer operator made for this very spec stands.
+    An edit of the component replaces its Job, whether it has ended or not, but no run of a schedule. One that has not ended is replaced
+    as well if its pods would never be bound: it names another domain than its instance has, or somebody has changed who binds them. A
+    Job that a newer operator made for this generation of the app is never replaced.
     """
     writer, marked = (
         job.metadata.annotations.get(key, "") for key in (Annotation.RENDERED_BY, Annotation.APP_GENERATION)
     )
     if is_newer(writer, version) and marked == str(app.generation):
         return False
-    if is_edited(app, child.component, job):
+    if is_edited(app, child.component, job) and not (child.component in app.due_times and is_run(job)):
         return True
     if job.verdict is not None:
         return False
@@ -162,6 +184,22 @@ def _find_time_limit(child: Child, job: Job, progress: Progress) -> int | None:
     seconds = max(_AT_ONCE, math.ceil(left.total_seconds()))
     seconds = min(seconds, child.spec.get(_TIME_LIMIT, seconds))
     return present if present is not None and abs(present - seconds) < _ROUNDING_S else seconds
+
+
+def settle_run(app: App, child: Child, job: Job, progress: Progress) -> dict[str, str]:
+    """Returns what is to be recorded on the newest Job of a component with schedule, {} for nothing."""
+    run = progress.runs.get(child.component)
+    if run is None or run.job is not job or run.settled is None:
+        return {}
+    return {
+        Annotation.RUN_HASH.value: app.run_hashes[child.component],
+        Annotation.SETTLED_AT.value: format_record(run.settled),
+    }
+
+
+def is_last_record(item: object, progress: Progress) -> bool:
+    """Whether the object is the newest Job of a component with schedule: it stays until its successor is there."""
+    return any(run.job is item for run in progress.runs.values())
 
 
 def names_domain(item: object) -> TypeGuard[Deployment | Job]:

@@ -1,7 +1,8 @@
-"""One Deployment per component per instance, or one Job for a component that ends."""
+"""One Deployment per component per instance, or one Job for a component that ends, and for each run of one with schedule."""
 
 from collections.abc import Collection, Mapping
-from typing import Any
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component, Job
 from robotapp_api.model.names import QUEUE_NAME, Annotation
@@ -11,6 +12,15 @@ from robotapp_operator.plan.render.parameters import NONE, ParameterState
 from robotapp_operator.plan.render.pod_template import pod_template
 from robotapp_operator.plan.spec.desired import Desired, Domain
 from robotapp_operator.plan.spec.objects import ChildRef
+
+
+class RunTimes(NamedTuple):
+    """Which run of a component with schedule a Job is. due: None for the Job that marks since when the schedule counts, and never runs.
+    settled: up to which time nothing is made up for.
+    """
+
+    due: datetime | None = None
+    settled: datetime | None = None
 
 
 def component_deployments(
@@ -47,27 +57,41 @@ def component_jobs(
     parameters: Mapping[str, ParameterState],
     running: bool,
     waiting: Collection[str] = (),
-    ended: Collection[str] = (),
+    idle: Collection[str] = (),
     claiming: Collection[str] = (),
+    run_times: Mapping[str, RunTimes] = {},
 ) -> list[Child]:
-    """Returns the Jobs of the components that end. ended: those whose job has ended, so that it needs no device any more."""
+    """Returns the Jobs of the components with job. idle: those whose job has ended, or is not due, so that it needs no device. run_times: which
+    run of each component with schedule is wanted.
+    """
     children = []
     for component in desired.app.spec.components:
-        if component.job is None:
+        if component.job is None or (component.schedule is not None and component.name not in run_times):
             continue
-        by_claim = component.name in claiming and component.name not in ended
+        by_claim = component.name in claiming and component.name not in idle
         state = parameters.get(component.name, NONE)
         template = pod_template(component, desired, domain=domain, state=state, by_claim=by_claim)
         if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
-        is_running = running and component.replicas > 0 and component.name not in {*waiting, *ended}
-        if desired.app.queue and not is_running and component.name not in ended:
+        is_running = running and component.replicas > 0 and component.name not in {*waiting, *idle}
+        if desired.app.queue and not is_running and component.name not in idle:
             continue  # kueue would resume a Job that we suspend: one that must not run is deleted
-        children.append(_job(component, desired, component.job, template, running=is_running))
+        times = run_times.get(component.name, RunTimes())
+        children.append(_job(component, desired, component.job, template, running=is_running, times=times))
     return children
 
 
-def _job(component: Component, desired: Desired, job: Job, template: dict[str, Any], *, running: bool) -> Child:
+def name_run(desired: Desired, component: str, due: datetime | None) -> str:
+    """Returns the name of the Job of a run. Each due time has one of its own, so that the record of a run is there until the next has its
+    own, and no due time can have two.
+    """
+    # A dot cannot occur in a component's name, so the hash differs from that of any other one.
+    return desired.name_of(component if due is None else f"{component}.{due.astimezone(UTC):%Y%m%d%H%M}")
+
+
+def _job(
+    component: Component, desired: Desired, job: Job, template: dict[str, Any], *, running: bool, times: RunTimes
+) -> Child:
     """A pod that was evicted, preempted or lost with its node is no failure of the program; and no second one is made while it may run."""
     lost = {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]}
     spec: dict[str, Any] = {
@@ -82,12 +106,19 @@ def _job(component: Component, desired: Desired, job: Job, template: dict[str, A
     queue = {QUEUE_NAME: desired.app.queue} if desired.app.queue else {}
     if job.active_deadline_seconds is not None:
         spec["activeDeadlineSeconds"] = job.active_deadline_seconds
+    records = {Annotation.DUE_AT.value: times.due, Annotation.SETTLED_AT.value: times.settled}
     return Child(
-        ref=ChildRef(JOB, desired.name_of(component.name)),
+        ref=ChildRef(JOB, name_run(desired, component.name, times.due)),
         labels=component_labels(desired, component.name) | queue,
         spec=spec,
-        annotations={Annotation.RUN_HASH.value: desired.app.run_hashes[component.name]},
+        annotations={Annotation.RUN_HASH.value: desired.app.run_hashes[component.name]}
+        | {key: format_record(time) for key, time in records.items() if time is not None},
     )
+
+
+def format_record(time: datetime) -> str:
+    """Returns the time as annotations have it."""
+    return time.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
 
 
 def _deployment(

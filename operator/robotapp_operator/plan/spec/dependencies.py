@@ -1,6 +1,6 @@
 """Components that wait for others (dependsOn): they start when these are ready, and run on when these cease to be."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.spec.desired import App
@@ -12,11 +12,13 @@ def unmet_dependencies(
     deployments: Iterable[Deployment],
     pods: Mapping[str, Sequence[Pod]] | None = None,
     jobs: Mapping[str, Job] = {},
+    *,
+    idle: Collection[str] = (),
 ) -> dict[str, tuple[str, ...]]:
     """Returns, by component that must not start yet, the components it waits for. deployments: of one instance.
 
     A component whose Deployment has pods has started. One that was stopped, by `suspend` for example, waits again.
-    jobs: by component, those of today's spec.
+    jobs: by component, those of today's spec. idle: components with nothing to start now.
     pods: by their Deployment's uid; None where they are not known. They are looked at as well, because the status of a Deployment
     that is started anew may still count the pods it had before.
     """
@@ -33,7 +35,7 @@ def unmet_dependencies(
     }
     unmet: dict[str, tuple[str, ...]] = {}
     for component in app.spec.components:
-        if not _has_started(component.name, by_component, jobs):
+        if component.name not in idle and not _has_started(component.name, by_component, jobs):
             names = tuple(
                 dependency.component
                 for dependency in component.depends_on

@@ -4,6 +4,7 @@ The schema defaults what depends on nothing else; what depends on the distro, th
 once, so that rendering, status and `render` agree.
 """
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
@@ -27,6 +28,7 @@ from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.references import Values, reference_values
 from robotapp_api.values.replicas import NumberedReplica, find_replicas
+from robotapp_api.values.schedules.due_times import DueTimes, parse_due_times
 from robotapp_api.values.sweeps.matrix import MatrixInstance, expand_matrix, list_variables
 from robotapp_claims.rules.instances import CompletionRules, completion_rules_of
 from robotapp_claims.rules.objects import App as ClaimsApp
@@ -209,8 +211,7 @@ class App:
         parts = [component for component in self.spec.components if component.name not in recordings]
         body: dict[str, Any] = {
             "components": [
-                {"name": part.name, "replicas": part.replicas, "job": None if part.job is None else {}}
-                for part in parts
+                {"name": part.name, "replicas": part.replicas, "job": {} if part.ends else None} for part in parts
             ],
             "completion": dump(self.spec.completion) if self.spec.completion else None,
         }
@@ -219,8 +220,19 @@ class App:
         )
 
     @functools.cached_property
+    def due_times(self) -> Mapping[str, DueTimes]:
+        """When the components with schedule are due, by name, without those whose line or zone is refused."""
+        due_times: dict[str, DueTimes] = {}
+        for component in self.spec.components:
+            if component.schedule is not None:
+                with contextlib.suppress(ValueError):
+                    due_times[component.name] = parse_due_times(component.schedule.cron, component.schedule.time_zone)
+        return due_times
+
+    @functools.cached_property
     def run_hashes(self) -> Mapping[str, str]:
-        """Hash of what the user wrote about the run of each component with job, by its name: another one runs the job again.
+        """Hash of what the user wrote about the run of each component with job, by its name: another one runs the job again, and begins
+        a schedule anew.
 
         Left out is what decides when it starts and for how long: how often a failed one is tried, and what it waits for.
         """

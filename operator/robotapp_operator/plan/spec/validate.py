@@ -6,6 +6,7 @@ from robotapp_api.checks.containers import STOP_SIGNAL
 from robotapp_api.checks.edges import bandwidth_field
 from robotapp_api.checks.host_access.guarded import host_access_problems
 from robotapp_api.checks.problem import Problem
+from robotapp_api.checks.schedules.problems import queue_problems
 from robotapp_api.checks.spec import pool_notes, spec_notes, spec_problems
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -47,7 +48,7 @@ def problems_alone(app: App) -> tuple[Problem, ...]:
     if app.abilities.stop_signals:
         problems = (problem for problem in problems if not problem.field.endswith(STOP_SIGNAL))
     guarded = () if app.abilities.host_access else host_access_problems(app.written)
-    return (*problems, *guarded)
+    return (*problems, *guarded, *queue_problems(app.written, app.queue))
 
 
 def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:

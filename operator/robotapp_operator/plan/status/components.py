@@ -9,6 +9,7 @@ from typing import Final, NamedTuple, Protocol
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
 from robotapp_claims.rules.instances import Ending
+from robotapp_operator.plan.diff.schedules import ScheduledRun, read_due
 from robotapp_operator.plan.spec.objects import (
     ContainerStatus,
     Deployment,
@@ -185,8 +186,11 @@ def job_view(
     failures: Mapping[str, str] = NO_FAILURES,
     wait: str = "",
     ending: Ending | None = None,
+    comes_back: bool = False,
 ) -> ComponentView:
-    """Returns the view of a component with job: it is ready while its pod is, and when it has completed. ending: why its instance has ended."""
+    """Returns the view of a component with job: it is ready while its pod is, and when it has completed. ending: why its instance has ended.
+    comes_back: it has a schedule.
+    """
     if job is None:
         text = "" if ending is None else f"was not started, because the instance has ended ({ending.reason})"
         return dataclasses.replace(_view_missing(component, wait or text), is_job=True, rolling=ending is None)
@@ -195,7 +199,7 @@ def job_view(
     reason: Reason | None = None
     message = ""
     if job.verdict is not None:
-        reason, message = _explain_end_of_job(job, pods, ending)
+        reason, message = _explain_end_of_job(job, pods, ending, comes_back=comes_back)
     elif not ready:
         reason, message = _pods_failure(pods, live, barred)
         texts = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
@@ -229,14 +233,62 @@ def job_view(
     )
 
 
+def scheduled_view(view: ComponentView, run: ScheduledRun, *, ending: Ending | None, suspended: bool) -> ComponentView:
+    """Returns the view of a component with schedule, from that of its present Job: it runs on, so it is ready between its runs as well, and while
+    one begins. A run that finds no node is no failure, one that has failed is, until the next has succeeded.
+    """
+    if ending is not None:
+        text = view.message if run.is_under_way else f"ended with its instance ({ending.reason})"
+        return dataclasses.replace(view, is_job=False, completed=False, rolling=False, message=text)
+    reason = None if view.reason is Reason.UNSCHEDULABLE else view.reason
+    return dataclasses.replace(
+        view,
+        ready=reason is None,
+        exists=run.job is not None,
+        bound=True,
+        rolling=False,
+        reason=reason,
+        message=_describe_runs(view, run, suspended=suspended)[:MAX_COMPONENT_CHARACTERS],
+        waits=False,
+        is_job=False,
+        completed=False,
+    )
+
+
+def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -> str:
+    """Returns how the last run has ended or how far the present one is, and when the next is due."""
+    due_times, due = run.due_times, None if run.job is None else read_due(run.job)
+    texts = []
+    if run.begins is not None:
+        texts.append(f"run of {due_times.format_time(run.begins)} begins{_append(view.message)}")
+    elif due is not None and run.job is not None and run.job.verdict is None:
+        texts.append(f"run of {due_times.format_time(due)} is under way{_append(view.message)}")
+    elif due is not None:
+        result = _append(view.message) if view.reason else " succeeded"
+        texts.append(f"run of {due_times.format_time(due)}{result}")
+    if run.skipped is not None:
+        texts.append(f"that of {due_times.format_time(run.skipped)} was skipped, because this one still runs")
+    if suspended or view.suspended:
+        texts.append("no runs while suspended")
+    elif run.next_due is not None:
+        texts.append(f"next run {due_times.format_time(run.next_due)} {due_times.zone.key}")
+    return "; ".join(texts)
+
+
+def _append(text: str) -> str:
+    return f": {text}" if text else ""
+
+
 def _describe_missing(names: Sequence[str]) -> str:
     """Returns which ConfigMaps, Secrets and keys a component lacks, with the cure."""
     return f"{'; '.join(names)}: create it, or write optional: true"
 
 
-def _explain_end_of_job(job: Job, pods: Sequence[Pod], ending: Ending | None) -> tuple[Reason | None, str]:
-    """Returns how a job has ended. One that has failed has the reason, and how it is run again; one that was ended with its instance
-    has not failed by itself.
+def _explain_end_of_job(
+    job: Job, pods: Sequence[Pod], ending: Ending | None, *, comes_back: bool
+) -> tuple[Reason | None, str]:
+    """Returns how a job has ended. One that has failed has the reason, and how it is run again, unless it comes back by itself; one that was
+    ended with its instance has not failed by itself.
     """
     name, verdict = job.metadata.name, job.verdict
     if job.is_complete and verdict is not None:
@@ -247,9 +299,8 @@ def _explain_end_of_job(job: Job, pods: Sequence[Pod], ending: Ending | None) ->
     why = f"{verdict.reason}: {verdict.message}" if verdict is not None else "failed"
     last = _last_exit(pods)
     code = f", last with exit code {last.exit_code} ({last.reason}){_quote(last)}" if last else ""
-    return Reason.JOB_FAILED, (
-        f"{why}{code}; see kubectl logs job/{name}; an edit of the component runs the job again, and so does kubectl delete job {name}"
-    )
+    again = f"; an edit of the component runs the job again, and so does kubectl delete job {name}"
+    return Reason.JOB_FAILED, f"{why}{code}; see kubectl logs job/{name}{'' if comes_back else again}"
 
 
 def _last_exit(pods: Sequence[Pod]) -> Terminated | None:

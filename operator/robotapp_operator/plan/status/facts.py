@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from datetime import datetime
 
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.instances import Ending, Instance
@@ -38,6 +39,8 @@ class InstanceFacts:
     components: tuple[ComponentView, ...]
     ending: Ending | None = None
     """Why it has ended: its jobs have completed or failed."""
+    next_due: datetime | None = None
+    """When a component with schedule is due next, and these facts are others."""
     edges: tuple[EdgeView, ...] = ()
     domain: int | None = None
     needs_domain: bool = True

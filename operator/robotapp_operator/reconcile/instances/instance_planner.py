@@ -121,10 +121,13 @@ class InstancePlanner:
         return bool(waits) and not observed
 
     def judge(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> Progress:
-        """Returns how far the instance's jobs are, and remembers when their time is over."""
+        """Returns how far the instance's jobs are, and remembers when their time is over, and when the next run is due."""
         progress = judge_progress(app, observed.values(), now=self._now())
         memory = self._state.of(app.uid)
         memory.deadlines.pop(robot, None)
+        memory.next_runs.pop(robot, None)
+        if progress.next_due is not None and progress.ending is None:
+            memory.next_runs[robot] = progress.next_due
         if progress.deadline is not None and progress.ending is None:
             memory.deadlines[robot] = progress.deadline
         return progress

@@ -140,10 +140,12 @@ class InstanceReconciler:
         await self._params.read(app_of_instance(app, instance, self._cache), robot)
 
     def due_s(self, uid: str, robot: str) -> float:
-        """Returns the seconds after which a restart for a change of a ConfigMap may be made, or the time of its jobs is over; 0 when none waits."""
+        """Returns the seconds after which a restart for a change of a ConfigMap may be made, a run is due, or the time of the jobs is over; 0
+        when nothing waits.
+        """
         memory, now = self._memory.of(uid), self._now()
         waits_s = []
-        for dates in (memory.config_due, memory.deadlines):
+        for dates in (memory.config_due, memory.deadlines, memory.next_runs):
             due_s = (dates[robot] - now).total_seconds() if robot in dates else 0.0
             if due_s > 0:
                 waits_s.append(due_s)

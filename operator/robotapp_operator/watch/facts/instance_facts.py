@@ -26,6 +26,7 @@ from robotapp_operator.plan.status.components import (
     cut_off,
     helper_part,
     job_view,
+    scheduled_view,
 )
 from robotapp_operator.plan.status.device_loss import is_there, name_of
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
@@ -66,13 +67,13 @@ def instance_facts(
     owned = owned_deployments(app, instance.robot, cache)
     progress = judge_progress(app, cache.jobs.of_instance(app.uid, instance.robot).values(), now=now)
     has_ended = progress.ending is not None
-    unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs)
+    unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs, idle=progress.idle)
     asks_domain = needs_domain(app) and not has_ended and not describe_turn(app, instance.robot, cache)
     sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
     views = list(_view_components(app, instance.robot, sources))
     domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
-    idle = {part.name for part in app.spec.components} if has_ended else {*unmet, *progress.ended}
+    idle = {part.name for part in app.spec.components} if has_ended else {*unmet, *progress.idle}
     placed = {view.name: view.node for view in views if view.node}
     return InstanceFacts(
         instance=instance,
@@ -80,6 +81,7 @@ def instance_facts(
         edges=tuple(_view_edges(app, instance, placed, cache)),
         domain=domain.id if domain else None,
         ending=progress.ending,
+        next_due=None if has_ended else progress.next_due,
         needs_domain=asks_domain,
         undecided=asks_domain and domain is None and outcome is None and not instance.problem,
         **count_devices(app, instance, devices, cache, views, idle=idle),
@@ -197,7 +199,8 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
         missing = content.missing if content else ()
         lost_nodes = [pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)]
         if component.job is not None:
-            yield job_view(
+            run = sources.progress.runs.get(component.name)
+            view = job_view(
                 component,
                 job,
                 own_pods,
@@ -207,7 +210,9 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
                 failures=cache.pod_failures,
                 wait=wait,
                 ending=ending,
+                comes_back=component.schedule is not None,
             )
+            yield view if run is None else scheduled_view(view, run, ending=ending, suspended=app.spec.suspend)
             continue
         yield component_view(
             component,

@@ -187,6 +187,25 @@ COMPONENT = [
         "component driver: a job runs once, not as 2 copies; write replicas: 1, or replicaIdentity: Ordinal for a job of each replica",
     ),
     RuleCase(
+        "what comes back is a job",
+        app(components=[component(job={}, schedule={"cron": "0 2 * * MON-FRI", "timeZone": "Europe/Athens"})]),
+        app(components=[component(schedule={"cron": "0 2 * * MON-FRI"})]),
+        "component driver: schedule runs a program that ends again and again; write job: {} beside it, or remove schedule",
+    ),
+    RuleCase(
+        "a cron line has five fields",
+        app(components=[component(job={}, schedule={"cron": "@hourly"})]),
+        app(components=[component(job={}, schedule={"cron": "@every 5m"})]),
+        "write five fields, minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, @monthly or @yearly; "
+        "seconds and @every do not exist, * stands for ?, and a time zone belongs in timeZone",
+    ),
+    RuleCase(
+        "a time zone is a name",
+        app(components=[component(job={}, schedule={"cron": "@hourly", "timeZone": "Etc/GMT+3"})]),
+        app(components=[component(job={}, schedule={"cron": "@hourly", "timeZone": "../etc/passwd"})]),
+        "write a name of the IANA database of time zones, for example Europe/Athens or UTC",
+    ),
+    RuleCase(
         "a job is never ready",
         app(components=[component(job={"backoffLimit": 0}, readinessProbe=PROBE)]),
         app(components=[component(job={"backoffLimit": 0}, ready={"lifecycle": "Active"})]),

@@ -63,7 +63,10 @@ def of_component(**fields: Any) -> tuple[str, str]:
         ({"job": {"restartPolicy": "Never"}}, "as often as job.backoffLimit"),
         ({"restartPolicy": "Never"}, "as often as job.backoffLimit"),
         ({"job": {"parallelism": 2}}, "spec.matrix"),
-        ({"job": {"schedule": "0 3 * * *"}}, "a CronJob of your own"),
+        ({"job": {"schedule": "0 3 * * *"}}, 'write schedule: {cron: "0 2 * * *"} beside job'),
+        ({"job": {"timeZone": "Europe/Athens"}}, "write it in schedule beside job"),
+        ({"job": {}, "schedule": {"cron": "0 3 * * *", "concurrencyPolicy": "Forbid"}}, "has that one skipped"),
+        ({"job": {}, "schedule": {"cron": "0 3 * * *", "suspend": True}}, "write replicas: 0"),
         ({"job": {"ttlSecondsAfterFinished": 60}}, "stay with their logs until the app is deleted"),
         (
             {"template": {"spec": {"activeDeadlineSeconds": 9}}},
@@ -84,7 +87,7 @@ def test_what_other_kinds_have_is_answered_with_what_to_write(fields: dict[str, 
 @pytest.mark.parametrize(
     ("fields", "path", "cure"),
     [
-        ({"schedule": "0 3 * * *"}, "spec.schedule", "a CronJob of your own"),
+        ({"schedule": "0 3 * * *"}, "spec.schedule", "beside job in the component"),
         ({"ttl": "1h"}, "spec.ttl", "until the app is deleted"),
         ({"completion": {"ttl": "1h"}}, "spec.completion.ttl", "until the app is deleted"),
     ],

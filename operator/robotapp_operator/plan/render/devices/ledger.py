@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from robotapp_api.checks.device_names import handover_notes
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, JOB
 from robotapp_operator.plan.render.devices.resource_claim import may_be_handed_over, named_claim
 from robotapp_operator.plan.render.node_affinity import nodes_for
@@ -47,10 +47,7 @@ def _takes_claim(
     placed: Collection[str],
 ) -> bool:
     item = observed.get(ChildRef(DEPLOYMENT, desired.name_of(component.name)))
-    job = observed.get(ChildRef(JOB, desired.name_of(component.name)))
-    if isinstance(job, Job) and job.metadata.annotations.get(Annotation.RUN_HASH) == desired.app.run_hashes.get(
-        component.name
-    ):
+    if (job := _find_job(component, desired, observed)) is not None:
         return bool(named_claim(job.spec))  # its template cannot be changed
     if isinstance(item, Deployment):
         has_claim = bool(named_claim(item.spec))
@@ -58,6 +55,20 @@ def _takes_claim(
         if not is_edited and item.replicas and (has_claim or component.name in placed):
             return has_claim
     return bool(driver_nodes_of(component, desired, drivers))
+
+
+def _find_job(component: Component, desired: Desired, observed: Mapping[ChildRef, object]) -> Job | None:
+    """Returns the Job that is the component's present run, None where another one would be made."""
+    if component.schedule is None:
+        job = observed.get(ChildRef(JOB, desired.name_of(component.name)))
+        run_hash = desired.app.run_hashes.get(component.name)
+        return job if isinstance(job, Job) and job.metadata.annotations.get(Annotation.RUN_HASH) == run_hash else None
+    jobs = (
+        item
+        for item in observed.values()
+        if isinstance(item, Job) and item.metadata.labels.get(Label.COMPONENT) == component.name
+    )
+    return next((job for job in jobs if job.verdict is None and Annotation.DUE_AT in job.metadata.annotations), None)
 
 
 def driver_nodes_of(component: Component, desired: Desired, drivers: DriverNodes) -> frozenset[str]:

@@ -1,0 +1,35 @@
+"""Finds schedules that are never due, or in time zones that do not exist."""
+
+from collections.abc import Iterator
+
+from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.model.app.robotapp import RobotAppSpec
+from robotapp_api.model.names import QUEUE_NAME
+from robotapp_api.values.schedules.due_times import parse_due_times, parse_time_zone
+
+
+def schedule_problems(spec: RobotAppSpec) -> Iterator[Problem]:
+    """Yields what is wrong with the line or the zone of each schedule, with its place in the spec."""
+    for index, component in enumerate(spec.components):
+        schedule = component.schedule
+        if schedule is None:
+            continue
+        at = f"spec.components[{index}].schedule"
+        try:
+            parse_time_zone(schedule.time_zone)
+        except ValueError as error:
+            yield invalid(f"{at}.timeZone", str(error))
+            continue
+        try:
+            parse_due_times(schedule.cron, schedule.time_zone)
+        except ValueError as error:
+            yield invalid(f"{at}.cron", str(error))
+
+
+def queue_problems(spec: RobotAppSpec, queue: str) -> Iterator[Problem]:
+    """Yields that a component with schedule does not wait in a queue: between its runs a Job of it would be resumed there."""
+    if queue and any(component.schedule for component in spec.components):
+        yield invalid(
+            f'metadata.labels["{QUEUE_NAME}"]',
+            "jobs with schedule do not wait in a queue of kueue; remove the label, or put the components with schedule into an app of their own",
+        )

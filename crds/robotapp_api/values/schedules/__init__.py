@@ -1,0 +1,1 @@
+"""Schedules: when the job of a component is due again."""

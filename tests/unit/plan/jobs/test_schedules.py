@@ -1,0 +1,327 @@
+"""Components with schedule: when their runs are made, kept, skipped and explained."""
+
+import dataclasses
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.factories import VERSION, component, make_app
+
+from robotapp_api.model.names import QUEUE_NAME, Annotation, Reason
+from robotapp_operator.plan.diff.diff import Plan, plan, wanted_children
+from robotapp_operator.plan.diff.jobs import judge_progress
+from robotapp_operator.plan.render.child import JOB, Child
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job
+from robotapp_operator.plan.spec.validate import problems_alone
+from robotapp_operator.plan.status.components import ComponentView, job_view, scheduled_view
+
+DOMAIN = Domain(7, "dds.default.c.7")
+NIGHTLY = {"cron": "0 2 * * *", "timeZone": "Europe/Athens"}
+EVENING = datetime(2026, 11, 29, 20, 0, tzinfo=UTC)
+DUE = datetime(2026, 11, 30, 0, 0, tzinfo=UTC)
+"""Two o'clock in Athens."""
+DAY = timedelta(days=1)
+MINUTE = timedelta(minutes=1)
+Observed = dict[ChildRef, Any]
+
+
+def app_of(
+    *others: dict[str, Any], schedule: dict[str, Any] = NIGHTLY, spec: dict[str, Any] | None = None, **part: Any
+) -> App:
+    return make_app(component("backup", job={}, schedule=schedule, **part), *others, **(spec or {}))
+
+
+def children_of(app: App, observed: Observed, now: datetime, domain: Domain = DOMAIN) -> list[Child]:
+    progress = judge_progress(app, observed.values(), now=now)
+    running = not app.spec.suspend
+    children = wanted_children(
+        desired_of(app, ""), domain=domain, parameters={}, running=running, observed=observed, progress=progress
+    )
+    return children if running else [child for child in children if child.ref in observed]
+
+
+def plan_of(app: App, observed: Observed, now: datetime, domain: Domain = DOMAIN) -> Plan:
+    progress = judge_progress(app, observed.values(), now=now)
+    wanted = children_of(app, observed, now, domain)
+    planned = plan(app, wanted, observed, version=VERSION, settled={}, progress=progress)
+    changes = tuple(change for change in planned.changes if change.child.ref.kind == JOB)
+    return Plan(changes, tuple(item for item in planned.deletes if isinstance(item, Job)))
+
+
+def store(child: Child, app: App, *, verdict: str = "", ended: datetime = DUE + MINUTE, **meta: Any) -> Observed:
+    """The Job as the API server has it."""
+    body = child.body(app, version=VERSION)
+    body["metadata"] |= {
+        "uid": f"uid-{child.ref.name}",
+        "resourceVersion": "1",
+        "creationTimestamp": "2026-11-29T20:00:00Z",
+        **meta,
+    }
+    condition = {
+        "type": verdict,
+        "status": "True",
+        "lastTransitionTime": ended.isoformat(),
+        "reason": "BackoffLimitExceeded",
+    }
+    body["status"] = {"conditions": [condition] if verdict else []}
+    return {child.ref: msgspec.convert(body, Job)}
+
+
+def only_job(app: App, observed: Observed, now: datetime) -> Child:
+    (child,) = [child for child in children_of(app, observed, now) if child.component == "backup"]
+    return child
+
+
+def mark(app: App) -> Observed:
+    """What there is of an app that got its schedule in the evening."""
+    return store(only_job(app, {}, EVENING), app)
+
+
+def first_run(app: App, **status: Any) -> Observed:
+    """The Job of the first night, which has taken the place of the mark."""
+    return store(only_job(app, mark(app), DUE), app, **status)
+
+
+def view_of(app: App, observed: Observed, now: datetime) -> ComponentView:
+    progress = judge_progress(app, observed.values(), now=now)
+    (part,) = [part for part in app.spec.components if part.name == "backup"]
+    view = job_view(part, progress.jobs.get("backup"), (), comes_back=True)
+    return scheduled_view(view, progress.runs["backup"], ending=progress.ending, suspended=app.spec.suspend)
+
+
+def test_a_schedule_that_was_just_added_runs_at_its_next_time_and_not_before() -> None:
+    app = app_of()
+    (change,) = plan_of(app, {}, EVENING).changes
+    assert change.child.spec["suspend"] is True
+    assert change.child.annotations[Annotation.SETTLED_AT] == "2026-11-29T20:00:00Z"
+    assert Annotation.DUE_AT not in change.child.annotations
+    observed = mark(app)
+    assert not plan_of(app, observed, EVENING + MINUTE)
+    assert judge_progress(app, observed.values(), now=EVENING).next_due == DUE
+    assert not plan_of(app, observed, DUE - timedelta(seconds=1))
+
+
+def test_a_run_gets_a_job_of_its_own_name_and_its_predecessor_goes_when_that_is_there() -> None:
+    app = app_of()
+    before = mark(app)
+    found = plan_of(app, before, DUE)
+    assert found.deletes == ()
+    (change,) = found.changes
+    assert change.over is None
+    assert change.child.spec["suspend"] is False
+    assert change.child.annotations[Annotation.DUE_AT] == "2026-11-30T00:00:00Z"
+    assert change.child.ref not in before
+    both = before | store(change.child, app)
+    after = plan_of(app, both, DUE + MINUTE)
+    assert after.changes == ()
+    assert [item.metadata.name for item in after.deletes] == [ref.name for ref in before]
+
+
+def test_a_run_that_is_being_made_is_not_lost_where_the_operator_dies_in_between() -> None:
+    app = app_of()
+    ended = first_run(app, verdict="Complete")
+    tomorrow = DUE + DAY
+    for seconds in (0, 5, 599):
+        found = plan_of(app, ended, tomorrow + timedelta(seconds=seconds))
+        assert found.deletes == ()
+        assert [change.child.annotations[Annotation.DUE_AT] for change in found.changes] == ["2026-12-01T00:00:00Z"]
+
+
+def test_a_run_that_is_too_late_is_left_out_and_the_next_one_is_made() -> None:
+    app = app_of()
+    ended = first_run(app, verdict="Complete")
+    late = DUE + 3 * DAY + timedelta(seconds=601)
+    assert not plan_of(app, ended, late)
+    assert judge_progress(app, ended.values(), now=late).next_due == DUE + 4 * DAY
+    patient = app_of(schedule={**NIGHTLY, "startingDeadlineSeconds": 86_400})
+    (change,) = plan_of(patient, first_run(patient, verdict="Complete"), late).changes
+    assert change.child.annotations[Annotation.DUE_AT] == "2026-12-03T00:00:00Z"
+
+
+def test_what_is_due_while_a_run_goes_on_is_skipped_and_not_made_up_for() -> None:
+    app = app_of(schedule={"cron": "*/5 * * * *"})
+    observed = store(only_job(app, mark(app), DUE), app)
+    assert not plan_of(app, observed, DUE + 7 * MINUTE)
+    text = view_of(app, observed, DUE + 7 * MINUTE).message
+    assert text == (
+        "run of 2026-11-30 00:00 is under way; that of 2026-11-30 00:05 was skipped, because this one still runs; next run 2026-11-30 00:10 UTC"
+    )
+    ended = store(only_job(app, mark(app), DUE), app, verdict="Complete", ended=DUE + 8 * MINUTE)
+    assert not plan_of(app, ended, DUE + 9 * MINUTE)
+    (change,) = plan_of(app, ended, DUE + 10 * MINUTE).changes
+    assert change.child.annotations[Annotation.DUE_AT] == "2026-11-30T00:10:00Z"
+
+
+def test_an_edit_reaches_the_next_run_and_makes_up_for_nothing() -> None:
+    before, after = app_of(), app_of(schedule={"cron": "30 1 * * *"})
+    now = DUE + timedelta(hours=1, minutes=31)  # a minute after the new line was due
+    running = first_run(before)
+    assert not plan_of(after, running, now)
+    ended = first_run(before, verdict="Complete")
+    (change,) = plan_of(after, ended, now).changes
+    assert change.records == {
+        Annotation.RUN_HASH.value: after.run_hashes["backup"],
+        Annotation.SETTLED_AT.value: "2026-11-30T01:31:00Z",
+    }
+    assert change.amended is None
+    (job,) = ended.values()
+    annotations = {**job.metadata.annotations, **change.records}
+    settled = {
+        ref: msgspec.structs.replace(job, metadata=msgspec.structs.replace(job.metadata, annotations=annotations))
+        for ref in ended
+    }
+    assert not plan_of(after, settled, now + MINUTE)
+    (run,) = plan_of(after, settled, now + DAY).changes
+    assert run.child.annotations[Annotation.DUE_AT] == "2026-12-01T01:30:00Z"
+
+
+@pytest.mark.parametrize("fields", [{"spec": {"suspend": True}}, {"replicas": 0}], ids=["app", "component"])
+def test_what_is_due_while_suspended_is_skipped(fields: dict[str, Any]) -> None:
+    app, stopped = app_of(component("driver")), app_of(component("driver"), **fields)
+    ended = first_run(app, verdict="Complete")
+    (change,) = plan_of(stopped, ended, DUE + DAY).changes
+    assert change.records[Annotation.SETTLED_AT] == "2026-12-01T00:00:00Z"
+    assert "no runs while suspended" in view_of(stopped, ended, DUE + DAY).message
+
+
+def test_a_run_that_goes_on_is_suspended_with_its_app_and_goes_on_with_it() -> None:
+    app, stopped = app_of(), app_of(spec={"suspend": True})
+    running = first_run(app)
+    (change,) = plan_of(stopped, running, DUE + MINUTE).changes
+    assert change.amended is not None
+    assert change.amended["suspend"] is True
+
+
+def test_a_job_that_becomes_one_with_schedule_and_back_is_replaced() -> None:
+    plain, scheduled = make_app(component("backup", job={}), component("driver")), app_of(component("driver"))
+    job = store(only_job(plain, {}, EVENING), plain, verdict="Complete")
+    found = plan_of(scheduled, job, EVENING)
+    assert [item.metadata.name for item in found.deletes] == [ref.name for ref in job]
+    back = plan_of(plain, first_run(scheduled, verdict="Complete"), DUE + MINUTE)
+    assert len(back.deletes) == 1
+    assert [Annotation.DUE_AT in change.child.annotations for change in back.changes] == [False]
+
+
+def test_nothing_of_a_schedule_is_kept_where_the_instance_or_the_component_is_gone() -> None:
+    app, without = app_of(component("driver")), make_app(component("driver"))
+    observed = first_run(app, verdict="Complete")
+    progress = judge_progress(app, observed.values(), now=DUE)
+    assert plan(app, [], observed, version=VERSION, settled={}, progress=progress).deletes == tuple(observed.values())
+    assert plan_of(without, observed, DUE + MINUTE).deletes == tuple(observed.values())
+
+
+def test_another_domain_replaces_a_run_that_goes_on_and_none_that_has_ended() -> None:
+    app, other = app_of(), Domain(8, "dds.default.c.8")
+    assert plan_of(app, first_run(app), DUE + MINUTE, other).deletes
+    assert not plan_of(app, first_run(app, verdict="Complete"), DUE + 2 * MINUTE, other)
+
+
+def test_a_run_waits_for_what_it_depends_on_and_its_record_stays() -> None:
+    app = app_of(component("db"), dependsOn=[{"component": "db"}])
+    before = mark(app)
+    assert not plan_of(app, before, DUE)
+    ready = make_deployment(app, "db")
+    (change,) = plan_of(app, before | ready, DUE + MINUTE).changes
+    assert change.child.annotations[Annotation.DUE_AT] == "2026-11-30T00:00:00Z"
+
+
+def make_deployment(app: App, name: str) -> Observed:
+    (child,) = [child for child in children_of(app, {}, EVENING) if child.component == name]
+    body = child.body(app, version=VERSION)
+    body["metadata"] |= {"uid": name, "resourceVersion": "1", "generation": 1}
+    body["status"] = {"observedGeneration": 1, "replicas": 1, "readyReplicas": 1, "updatedReplicas": 1}
+    return {child.ref: msgspec.convert(body, Deployment)}
+
+
+def test_an_instance_runs_on_with_a_schedule_and_ends_by_its_other_jobs_where_completion_is_written() -> None:
+    parts = component("migrate", job={})
+    assert app_of(parts).completion_rules is None
+    assert app_of().completion_rules is None
+    app = app_of(parts, spec={"completion": {}})
+    rules = app.completion_rules
+    assert rules is not None
+    assert rules.jobs == {"migrate"}
+    migrated = {
+        ref: job
+        for child in children_of(app, {}, EVENING)
+        if child.component == "migrate"
+        for ref, job in store(child, app, verdict="Complete").items()
+    }
+    observed = migrated | mark(app)
+    found = plan_of(app, observed, DUE)
+    assert [item.metadata.labels["robotics.io/component"] for item in found.deletes] == ["backup"]
+    assert found.changes == ()
+
+
+def test_the_time_of_runs_is_no_part_of_the_deadline() -> None:
+    spec = {"completion": {"deadline": "1h"}}
+    app = app_of(component("migrate", job={}), spec=spec)
+    (child,) = [child for child in children_of(app, {}, EVENING) if child.component == "migrate"]
+    observed = store(child, app) | mark(app)
+    assert judge_progress(app, observed.values(), now=EVENING).deadline == EVENING + timedelta(hours=1)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "ready", "text"),
+    [
+        ("Complete", True, "run of 2026-11-30 02:00 succeeded; next run 2026-12-01 02:00 Europe/Athens"),
+        ("Failed", False, "run of 2026-11-30 02:00: BackoffLimitExceeded"),
+        ("", True, "run of 2026-11-30 02:00 is under way; next run 2026-12-01 02:00 Europe/Athens"),
+    ],
+)
+def test_the_message_has_the_last_run_and_the_next(verdict: str, ready: bool, text: str) -> None:
+    app = app_of()
+    view = view_of(app, first_run(app, verdict=verdict), DUE + 2 * MINUTE)
+    assert view.message.startswith(text)
+    assert view.message == view_of(app, first_run(app, verdict=verdict), DUE + 3 * MINUTE).message
+    assert view.ready is ready
+    assert view.reason is (None if ready else Reason.JOB_FAILED)
+    assert not view.completed
+    assert "runs the job again" not in view.message
+
+
+def test_before_the_first_run_the_component_is_ready_and_says_when_it_is() -> None:
+    app = app_of()
+    view = view_of(app, mark(app), EVENING)
+    assert view.ready
+    assert view.bound
+    assert view.message == "next run 2026-11-30 02:00 Europe/Athens"
+
+
+@pytest.mark.parametrize(
+    ("schedule", "words"),
+    [
+        ({"cron": "0 0 30 2 *"}, ("spec.components[0].schedule.cron", "does not exist, or never in its months")),
+        ({"cron": "99 * * * *"}, ("spec.components[0].schedule.cron", "write five fields")),
+        (
+            {"cron": "0 2 * * *", "timeZone": "Europe/Atlantis"},
+            ("spec.components[0].schedule.timeZone", "Europe/Athens"),
+        ),
+        ({"cron": "0 2 * * *", "timeZone": "localtime"}, ("spec.components[0].schedule.timeZone", "on each machine")),
+    ],
+)
+def test_a_line_that_is_never_due_and_a_zone_that_does_not_exist_are_refused(
+    schedule: dict[str, Any], words: tuple[str, str]
+) -> None:
+    app = app_of(schedule=schedule)
+    (problem,) = problems_alone(app)
+    assert problem.field == words[0]
+    assert words[1] in problem.message
+    assert judge_progress(app, (), now=EVENING).runs == {}
+
+
+def test_a_queue_is_refused_beside_a_schedule() -> None:
+    (problem,) = problems_alone(dataclasses.replace(app_of(), queue="night"))
+    assert problem.field == f'metadata.labels["{QUEUE_NAME}"]'
+    assert "do not wait in a queue" in problem.message
+
+
+@pytest.mark.parametrize("text", ["0001-01-01T00:00:00Z", "9999-12-31T23:59:59Z", "2026-11-30T00:00:00", "soon", ""])
+def test_a_record_that_is_no_time_ends_no_process(text: str) -> None:
+    app = app_of()
+    (job,) = first_run(app, verdict="Complete").values()
+    annotations = {**job.metadata.annotations, Annotation.DUE_AT: text, Annotation.SETTLED_AT: text}
+    broken = msgspec.structs.replace(job, metadata=msgspec.structs.replace(job.metadata, annotations=annotations))
+    assert judge_progress(app, [broken], now=DUE + DAY).next_due == DUE + 2 * DAY
