@@ -108,8 +108,7 @@ class Run:
 
     @property
     def failed_jobs(self) -> list[JobRun]:
-        """Jobs that have failed, without those with schedule, which come back by themselves."""
-        return [job for job in self.jobs if job.result == "Failed" and not job.due]
+        return [job for job in self.jobs if job.result == "Failed"]
 
     def seconds(self, now: datetime | None = None) -> float | None:
         """Returns how long it took, or has taken so far; None before its start."""

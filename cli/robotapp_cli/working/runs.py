@@ -95,6 +95,7 @@ async def repeat_failed(session: Session, name: str) -> None:
     """Deletes the failed Jobs of runs that have not completed, which the operator makes anew, and prints which.
 
     Where the jobs of a failed run have a deadline together, it deletes all of them: the time counts from the first one, and would be over.
+    A job with schedule comes back by itself.
     """
     app = await fetch_app_with_jobs(session, name)
     runs = await list_runs(session, app)
@@ -107,6 +108,7 @@ async def repeat_failed(session: Session, name: str) -> None:
         for run in runs
         if run.phase != Phase.COMPLETED
         for job in (run.jobs if has_deadline and run.phase == Phase.FAILED else run.failed_jobs)
+        if not job.due
     ]
     if not jobs:
         print_line(f"{name} has no failed job; nothing was changed")

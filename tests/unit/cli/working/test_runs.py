@@ -157,3 +157,17 @@ def test_an_app_without_jobs_is_told_so(stage: Stage) -> None:
     result = stage.run("runs", "teleop")
     assert result.exit_code == 4
     assert "no component with job" in result.output
+
+
+def test_a_job_with_schedule_is_shown_with_its_due_time_and_never_repeated(stage: Stage) -> None:
+    app = robotapp()
+    app["spec"]["components"] = [{"name": "sim", "image": "x", "job": {}, "schedule": {"cron": "@daily"}}]
+    stage.add(ROBOTAPPS, app)
+    stage.add(INSTANCES, run_object("a", "Degraded"))
+    last, mark = job("a", "Failed"), job("a", component="mark")
+    last["metadata"]["annotations"]["robotics.io/due-at"] = "2026-01-01T00:00:00Z"
+    mark["metadata"]["annotations"]["robotics.io/settled-at"] = "2026-01-01T00:00:00Z"
+    stage.add(JOBS, last, mark)
+    (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+    assert [each["dueTime"] for each in run["jobs"]] == ["2026-01-01T00:00:00Z"]
+    assert "no failed job; nothing was changed" in stage.text("runs", "teleop", "--failed")
