@@ -372,7 +372,7 @@ class Component(Object, frozen=True, kw_only=True):
 
     @property
     def ends(self) -> bool:
-        """Whether its program runs once and ends; one with schedule comes back."""
+        """Returns whether its program runs once and ends; one with schedule comes back."""
         return self.job is not None and self.schedule is None
 
     @property

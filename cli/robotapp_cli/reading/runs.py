@@ -35,12 +35,12 @@ class JobRun:
 
     @property
     def due(self) -> str:
-        """For which due time of its schedule it was made; "" for a job that runs once."""
+        """Returns the due time of its schedule for which it was made; "" for a job that runs once."""
         return str((meta(self.obj).get("annotations") or {}).get(Annotation.DUE_AT) or "")
 
     @property
     def is_mark(self) -> bool:
-        """Whether it only marks since when a schedule counts, and never runs."""
+        """Returns whether it only marks since when a schedule counts, and never runs."""
         return not self.due and Annotation.SETTLED_AT in (meta(self.obj).get("annotations") or {})
 
     @property

@@ -123,9 +123,9 @@ class Observer:
         lost = self._cache.nodes.lost(instance.node)
         if facts.grace and lost:
             instance_memory.facts_until_s = min(instance_memory.facts_until_s, offline_s(app, lost))
-        if facts.next_due is not None:
-            due_s = now_s + (facts.next_due - self._now()).total_seconds()
-            instance_memory.facts_until_s = min(instance_memory.facts_until_s, due_s)
+        if facts.runs_change_at is not None:
+            change_s = now_s + (facts.runs_change_at - self._now()).total_seconds()
+            instance_memory.facts_until_s = min(instance_memory.facts_until_s, change_s)
         if before == facts and before is not None:
             facts = before  # the same object, so that callers can compare by identity
         instance_memory.facts, instance_memory.stamp = (

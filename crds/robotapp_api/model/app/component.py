@@ -98,7 +98,7 @@ class Job(Model):
 
 
 class Schedule(Model):
-    """When the job of a component runs again."""
+    """The clock by which the job of a component runs again and again."""
 
     cron: CronLine
     """Minute, hour, day of the month, month and day of the week, for example 0 2 * * * for every night at two; or @hourly, @daily,
@@ -308,5 +308,5 @@ class Component(Model):
 
     @property
     def ends(self) -> bool:
-        """Whether its program runs once and ends."""
+        """Returns whether its program runs once and ends."""
         return self.job is not None and self.schedule is None

@@ -1,6 +1,7 @@
 """From wanted and observed children to the writes that are missing: `plan()` is total, pure and deterministic."""
 
 import dataclasses
+import functools
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -86,16 +87,11 @@ def wanted_children(
     progress: of its jobs. When these have ended it, their Jobs are all that is left.
     A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
+    render_jobs = functools.partial(
+        component_jobs, desired, domain=domain, parameters=parameters, idle=progress.idle, run_times=progress.run_times
+    )
     if progress.ending is not None:
-        jobs = component_jobs(
-            desired,
-            domain=domain,
-            parameters=parameters,
-            running=True,
-            idle=progress.idle,
-            run_times=progress.run_times,
-        )
-        return [child for child in jobs if child.component in progress.jobs]
+        return [child for child in render_jobs(running=True) if child.component in progress.jobs]
     if desired.app.ros_version == 2 and domain is None:
         return []
     children = infrastructure(desired, running=running)
@@ -118,16 +114,7 @@ def wanted_children(
         waiting=waiting.keys(),
         claiming=claiming,
     )
-    jobs = component_jobs(
-        desired,
-        domain=domain,
-        parameters=parameters,
-        running=running,
-        waiting=waiting.keys(),
-        idle=progress.idle,
-        claiming=claiming,
-        run_times=progress.run_times,
-    )
+    jobs = render_jobs(running=running, waiting=waiting.keys(), claiming=claiming)
     new_jobs = {child.ref for child in jobs} - observed.keys()
     jobs = [limit_time(child, progress) if child.ref in new_jobs else child for child in jobs]
     workloads = [*deployments, *jobs]

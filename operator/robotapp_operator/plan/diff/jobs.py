@@ -50,19 +50,19 @@ class Progress(NamedTuple):
 
     @property
     def idle(self) -> frozenset[str]:
-        """Components whose job has ended, or is not due."""
+        """Returns the components whose job has ended, or is not due."""
         ended = {name for name, job in self.jobs.items() if job.verdict is not None}
         return frozenset(ended | {name for name, run in self.runs.items() if not run.goes})
 
     @property
     def run_times(self) -> Mapping[str, RunTimes]:
-        """Which run of each component with schedule is wanted."""
+        """Returns which run of each component with schedule is wanted."""
         return {name: run.times for name, run in self.runs.items()}
 
     @property
-    def next_due(self) -> datetime | None:
-        """When a run is due next."""
-        return min((run.next_due for run in self.runs.values() if run.next_due is not None), default=None)
+    def runs_change_at(self) -> datetime | None:
+        """Returns when the next run is due, or one that cannot begin is left out; None without a schedule."""
+        return min((time for run in self.runs.values() if (time := run.changes_at) is not None), default=None)
 
 
 NO_JOBS: Final = Progress()
@@ -141,16 +141,15 @@ def is_queued(app: App, job: Job) -> bool:
 
 
 def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
-    """Whether another Job has to take the place of this one.
+    """Returns whether another Job has to take the place of this one.
 
     An edit of the component replaces its Job, whether it has ended or not, but no run of a schedule. One that has not ended is replaced
     as well if its pods would never be bound: it names another domain than its instance has, or somebody has changed who binds them. A
     Job that a newer operator made for this generation of the app is never replaced.
     """
-    writer, marked = (
-        job.metadata.annotations.get(key, "") for key in (Annotation.RENDERED_BY, Annotation.APP_GENERATION)
-    )
-    if is_newer(writer, version) and marked == str(app.generation):
+    annotations = job.metadata.annotations
+    is_of_newer = is_newer(annotations.get(Annotation.RENDERED_BY, ""), version)
+    if is_of_newer and annotations.get(Annotation.APP_GENERATION) == str(app.generation):
         return False
     if is_edited(app, child.component, job) and not (child.component in app.due_times and is_run(job)):
         return True
@@ -198,7 +197,7 @@ def settle_run(app: App, child: Child, job: Job, progress: Progress) -> dict[str
 
 
 def is_last_record(item: object, progress: Progress) -> bool:
-    """Whether the object is the newest Job of a component with schedule: it stays until its successor is there."""
+    """Returns whether the object is the newest Job of a component with schedule: it stays until its successor is there."""
     return any(run.job is item for run in progress.runs.values())
 
 

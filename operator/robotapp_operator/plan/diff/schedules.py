@@ -19,14 +19,14 @@ _BEGIN: Final = datetime(2000, 1, 1, tzinfo=UTC)
 
 
 class RunRecord(NamedTuple):
-    """What the newest Job of a component records. goes: its run has not ended. settled: until when due times had their run, or have none."""
+    """The record on the newest Job of a component. goes: its run has not ended. settled: until when due times had their run, or have none."""
 
     settled: datetime
     goes: bool = False
 
 
 class Decision(NamedTuple):
-    """Which run begins now, and until when due times are to be recorded as settled; None for neither."""
+    """The run that begins now, and until when due times are to be recorded as settled; None for neither."""
 
     due: datetime | None = None
     settled: datetime | None = None
@@ -45,7 +45,7 @@ def decide_run(
 
 
 class ScheduledRun(NamedTuple):
-    """How far a component with schedule is."""
+    """The state of a component with schedule."""
 
     due_times: DueTimes
     job: Job | None = None
@@ -57,25 +57,33 @@ class ScheduledRun(NamedTuple):
     skipped: datetime | None = None
     """The last time that was due while the run of the newest Job went on."""
     next_due: datetime | None = None
+    within: timedelta = timedelta()
+    """How late a run may begin."""
+
+    @property
+    def changes_at(self) -> datetime | None:
+        """Returns when this state is another one without any event: a run is due, or one that cannot begin is left out."""
+        left_out = None if self.begins is None else self.begins + self.within
+        return min((time for time in (self.next_due, left_out) if time is not None), default=None)
 
     @property
     def goes(self) -> bool:
-        """Whether its Job is to run now."""
+        """Returns whether its Job is to run now."""
         return self.begins is not None or self.is_under_way
 
     @property
     def is_under_way(self) -> bool:
-        """Whether the run of the newest Job has not ended."""
+        """Returns whether the run of the newest Job has not ended."""
         return self.job is not None and read_due(self.job) is not None and self.job.verdict is None
 
     @property
     def current_job(self) -> Job | None:
-        """The Job of the run that is wanted now."""
+        """Returns the Job of the run that is wanted now, None where it is still to be made."""
         return None if self.begins is not None or (self.job is not None and self.job.is_deleting) else self.job
 
     @property
     def times(self) -> RunTimes:
-        """The run that is wanted now."""
+        """Returns the run that is wanted now."""
         if self.begins is not None:
             return RunTimes(due=self.begins)
         return RunTimes(settled=self.settled) if self.job is None else RunTimes(due=read_due(self.job))
@@ -112,11 +120,11 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
         is_edited=job.metadata.annotations.get(Annotation.RUN_HASH) != app.run_hashes[name],
     )
     skipped = due_times.find_last(max(record.settled, now - within), now) if record.goes else None
-    return ScheduledRun(due_times, job, decision.due, decision.settled, skipped, next_due)
+    return ScheduledRun(due_times, job, decision.due, decision.settled, skipped, next_due, within)
 
 
 def is_run(job: Job) -> bool:
-    """Whether a Job is a run of a component with schedule, or marks since when its schedule counts."""
+    """Returns whether a Job is a run of a component with schedule, or marks since when its schedule counts."""
     return not job.metadata.annotations.keys().isdisjoint((Annotation.DUE_AT, Annotation.SETTLED_AT))
 
 

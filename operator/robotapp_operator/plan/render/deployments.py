@@ -15,7 +15,7 @@ from robotapp_operator.plan.spec.objects import ChildRef
 
 
 class RunTimes(NamedTuple):
-    """Which run of a component with schedule a Job is. due: None for the Job that marks since when the schedule counts, and never runs.
+    """The run of a component with schedule that a Job is. due: None for the Job that marks since when the schedule counts, and never runs.
     settled: up to which time nothing is made up for.
     """
 

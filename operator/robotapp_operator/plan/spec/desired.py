@@ -221,7 +221,7 @@ class App:
 
     @functools.cached_property
     def due_times(self) -> Mapping[str, DueTimes]:
-        """When the components with schedule are due, by name, without those whose line or zone is refused."""
+        """Returns when the components with schedule are due, by name, without those whose line or zone is refused."""
         due_times: dict[str, DueTimes] = {}
         for component in self.spec.components:
             if component.schedule is not None:

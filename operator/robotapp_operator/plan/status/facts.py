@@ -39,8 +39,8 @@ class InstanceFacts:
     components: tuple[ComponentView, ...]
     ending: Ending | None = None
     """Why it has ended: its jobs have completed or failed."""
-    next_due: datetime | None = None
-    """When a component with schedule is due next, and these facts are others."""
+    runs_change_at: datetime | None = None
+    """When a component with schedule is due, and these facts are others."""
     edges: tuple[EdgeView, ...] = ()
     domain: int | None = None
     needs_domain: bool = True

@@ -126,8 +126,8 @@ class InstancePlanner:
         memory = self._state.of(app.uid)
         memory.deadlines.pop(robot, None)
         memory.next_runs.pop(robot, None)
-        if progress.next_due is not None and progress.ending is None:
-            memory.next_runs[robot] = progress.next_due
+        if progress.runs_change_at is not None and progress.ending is None:
+            memory.next_runs[robot] = progress.runs_change_at
         if progress.deadline is not None and progress.ending is None:
             memory.deadlines[robot] = progress.deadline
         return progress

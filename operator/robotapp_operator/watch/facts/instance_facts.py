@@ -81,7 +81,7 @@ def instance_facts(
         edges=tuple(_view_edges(app, instance, placed, cache)),
         domain=domain.id if domain else None,
         ending=progress.ending,
-        next_due=None if has_ended else progress.next_due,
+        runs_change_at=None if has_ended else progress.runs_change_at,
         needs_domain=asks_domain,
         undecided=asks_domain and domain is None and outcome is None and not instance.problem,
         **count_devices(app, instance, devices, cache, views, idle=idle),

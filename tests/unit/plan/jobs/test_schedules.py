@@ -99,7 +99,7 @@ def test_a_schedule_that_was_just_added_runs_at_its_next_time_and_not_before() -
     assert Annotation.DUE_AT not in change.child.annotations
     observed = mark(app)
     assert not plan_of(app, observed, EVENING + MINUTE)
-    assert judge_progress(app, observed.values(), now=EVENING).next_due == DUE
+    assert judge_progress(app, observed.values(), now=EVENING).runs_change_at == DUE
     assert not plan_of(app, observed, DUE - timedelta(seconds=1))
 
 
@@ -134,7 +134,7 @@ def test_a_run_that_is_too_late_is_left_out_and_the_next_one_is_made() -> None:
     ended = first_run(app, verdict="Complete")
     late = DUE + 3 * DAY + timedelta(seconds=601)
     assert not plan_of(app, ended, late)
-    assert judge_progress(app, ended.values(), now=late).next_due == DUE + 4 * DAY
+    assert judge_progress(app, ended.values(), now=late).runs_change_at == DUE + 4 * DAY
     patient = app_of(schedule={**NIGHTLY, "startingDeadlineSeconds": 86_400})
     (change,) = plan_of(patient, first_run(patient, verdict="Complete"), late).changes
     assert change.child.annotations[Annotation.DUE_AT] == "2026-12-03T00:00:00Z"
@@ -222,6 +222,8 @@ def test_a_run_waits_for_what_it_depends_on_and_its_record_stays() -> None:
     app = app_of(component("db"), dependsOn=[{"component": "db"}])
     before = mark(app)
     assert not plan_of(app, before, DUE)
+    assert judge_progress(app, before.values(), now=DUE).runs_change_at == DUE + 10 * MINUTE
+    assert not plan_of(app, before, DUE + 11 * MINUTE)
     ready = make_deployment(app, "db")
     (change,) = plan_of(app, before | ready, DUE + MINUTE).changes
     assert change.child.annotations[Annotation.DUE_AT] == "2026-11-30T00:00:00Z"
@@ -324,4 +326,4 @@ def test_a_record_that_is_no_time_ends_no_process(text: str) -> None:
     (job,) = first_run(app, verdict="Complete").values()
     annotations = {**job.metadata.annotations, Annotation.DUE_AT: text, Annotation.SETTLED_AT: text}
     broken = msgspec.structs.replace(job, metadata=msgspec.structs.replace(job.metadata, annotations=annotations))
-    assert judge_progress(app, [broken], now=DUE + DAY).next_due == DUE + 2 * DAY
+    assert judge_progress(app, [broken], now=DUE + DAY - MINUTE).runs_change_at == DUE + DAY

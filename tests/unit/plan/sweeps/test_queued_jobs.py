@@ -98,7 +98,7 @@ def test_a_job_in_a_queue_has_the_claim_of_its_devices_until_it_has_ended() -> N
     options: dict[str, Any] = {"domain": Domain(7), "parameters": {}, "running": True, "claiming": {"sim"}}
     children = wanted_children(desired_of(app, ""), **options)
     assert [claim.name for claim in wanted_claims(app, children)] == [children[0].ref.name]
-    (ended,) = component_jobs(desired_of(app, ""), ended={"sim"}, **options)
+    (ended,) = component_jobs(desired_of(app, ""), idle={"sim"}, **options)
     assert wanted_claims(app, [ended]) == []
 
 

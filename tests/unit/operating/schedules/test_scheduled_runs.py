@@ -86,6 +86,7 @@ async def test_the_operator_looks_again_when_the_next_run_is_due(nights: Nights)
     await nights.app()
     assert await nights.look(EVENING) == (DUE - EVENING).total_seconds()
     assert await nights.look(EVENING + timedelta(hours=1)) == (DUE - EVENING).total_seconds() - 3600
+    assert await nights.look(DUE) == 600, "if the run cannot begin, it is left out then"
     assert await nights.look(DUE) == DAY.total_seconds()
 
 
@@ -154,5 +155,5 @@ async def test_facts_are_others_when_a_run_is_due(nights: Nights) -> None:
     (instance,) = wanted_instances(record.app, cache)
     facts = observer.instance(record.app, instance)
     assert facts.ready
-    assert facts.next_due == DUE
+    assert facts.runs_change_at == DUE
     assert memory.of(record.uid).instance("").facts_until_s == 100 + (DUE - EVENING).total_seconds()
