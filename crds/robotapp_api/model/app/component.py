@@ -220,7 +220,7 @@ class Component(Model):
     Absent means a program that runs on, which is started again when it ends. A change of the component runs the job again."""
     schedule: Schedule | None = None
     """When the job runs, again and again; a run that still goes when the next one is due has that one skipped. Such a component runs on,
-    so it is no part of completion, and nobody can wait for it. Absent means a job that runs once."""
+    so it is no part of completion, and nothing can wait for it. Absent means a job that runs once."""
     ros: Literal["None"] | None = None
     """None for a component without ROS, such as a database or a web server: no domain, no discovery and no ROS variables, everything
     else as for others. Absent means the app's ROS."""

@@ -235,7 +235,7 @@ def job_view(
 
 def scheduled_view(view: ComponentView, run: ScheduledRun, *, ending: Ending | None, suspended: bool) -> ComponentView:
     """Returns the view of a component with schedule, from that of its present Job: it runs on, so it is ready between its runs as well, and while
-    one begins. A run that finds no node is no failure, one that has failed is, until the next has succeeded.
+    one begins. A run that finds no node is no failure; one that has failed is, until the next begins.
     """
     if ending is not None:
         text = view.message if run.is_under_way else f"ended with its instance ({ending.reason})"
@@ -258,25 +258,21 @@ def scheduled_view(view: ComponentView, run: ScheduledRun, *, ending: Ending | N
 def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -> str:
     """Returns how the last run has ended or how far the present one is, and when the next is due."""
     due_times, due = run.due_times, None if run.job is None else read_due(run.job)
-    texts = []
+    texts, details = [], [view.message] if view.message else []
     if run.begins is not None:
-        texts.append(f"run of {due_times.format_time(run.begins)} begins{_append(view.message)}")
-    elif due is not None and run.job is not None and run.job.verdict is None:
-        texts.append(f"run of {due_times.format_time(due)} is under way{_append(view.message)}")
+        texts.append(f"run of {due_times.format_time(run.begins)} begins")
+    elif due is not None and run.is_under_way:
+        texts.append(f"run of {due_times.format_time(due)} is under way")
     elif due is not None:
-        result = _append(view.message) if view.reason else " succeeded"
-        texts.append(f"run of {due_times.format_time(due)}{result}")
+        texts.append(f"run of {due_times.format_time(due)} {'failed' if view.reason else 'succeeded'}")
+        details = details if view.reason else []
     if run.skipped is not None:
         texts.append(f"that of {due_times.format_time(run.skipped)} was skipped, because this one still runs")
     if suspended or view.suspended:
         texts.append("no runs while suspended")
     elif run.next_due is not None:
         texts.append(f"next run {due_times.format_time(run.next_due)} {due_times.zone.key}")
-    return "; ".join(texts)
-
-
-def _append(text: str) -> str:
-    return f": {text}" if text else ""
+    return "; ".join([*texts, *details])
 
 
 def _describe_missing(names: Sequence[str]) -> str:

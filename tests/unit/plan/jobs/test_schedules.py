@@ -269,7 +269,11 @@ def test_the_time_of_runs_is_no_part_of_the_deadline() -> None:
     ("verdict", "ready", "text"),
     [
         ("Complete", True, "run of 2026-11-30 02:00 succeeded; next run 2026-12-01 02:00 Europe/Athens"),
-        ("Failed", False, "run of 2026-11-30 02:00: BackoffLimitExceeded"),
+        (
+            "Failed",
+            False,
+            "run of 2026-11-30 02:00 failed; next run 2026-12-01 02:00 Europe/Athens; BackoffLimitExceeded",
+        ),
         ("", True, "run of 2026-11-30 02:00 is under way; next run 2026-12-01 02:00 Europe/Athens"),
     ],
 )
