@@ -258,21 +258,23 @@ def scheduled_view(view: ComponentView, run: ScheduledRun, *, ending: Ending | N
 def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -> str:
     """Returns how the last run has ended or how far the present one is, and when the next is due."""
     due_times, due = run.due_times, None if run.job is None else read_due(run.job)
-    texts, details = [], [view.message] if view.message else []
+    is_stopped = suspended or view.suspended
+    texts = []
     if run.begins is not None:
         texts.append(f"run of {due_times.format_time(run.begins)} begins")
     elif due is not None and run.is_under_way:
-        texts.append(f"run of {due_times.format_time(due)} is under way")
+        texts.append(f"run of {due_times.format_time(due)} is {'suspended' if is_stopped else 'under way'}")
     elif due is not None:
         texts.append(f"run of {due_times.format_time(due)} {'failed' if view.reason else 'succeeded'}")
-        details = details if view.reason else []
     if run.skipped is not None:
         texts.append(f"that of {due_times.format_time(run.skipped)} was skipped, because this one still runs")
-    if suspended or view.suspended:
+    if is_stopped:
         texts.append("no runs while suspended")
     elif run.next_due is not None:
         texts.append(f"next run {due_times.format_time(run.next_due)} {due_times.zone.key}")
-    return "; ".join([*texts, *details])
+    if view.reason or (run.goes and not is_stopped):
+        texts.append(view.message)
+    return "; ".join(filter(None, texts))
 
 
 def _describe_missing(names: Sequence[str]) -> str:

@@ -192,6 +192,13 @@ def test_a_run_that_goes_on_is_suspended_with_its_app_and_goes_on_with_it() -> N
     (change,) = plan_of(stopped, running, DUE + MINUTE).changes
     assert change.amended is not None
     assert change.amended["suspend"] is True
+    text = "run of 2026-11-30 02:00 is suspended; no runs while suspended"
+    assert view_of(stopped, running, DUE + MINUTE).message == text
+
+
+def test_a_component_without_replicas_has_no_runs() -> None:
+    app = app_of(component("driver"), replicas=0)
+    assert view_of(app, mark(app), EVENING).message == "no runs while suspended"
 
 
 def test_a_job_that_becomes_one_with_schedule_and_back_is_replaced() -> None:
