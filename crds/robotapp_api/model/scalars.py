@@ -54,8 +54,8 @@ CronLine = Annotated[
     WithJsonSchema({"type": "string", "maxLength": 100}),
     Rule(
         rule=f"self.matches('{CRON_PATTERN}')",
-        message="write five fields, minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, "
-        "@monthly or @yearly; seconds and @every do not exist, * stands for ?, and a time zone belongs in timeZone",
+        message="write minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, @monthly or @yearly; "
+        "@every is none",
     ),
 ]
 TimeZone = Annotated[

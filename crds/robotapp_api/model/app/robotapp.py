@@ -101,8 +101,8 @@ class RobotAppSpec(Model):
         ),
         Rule(
             rule=f"self.components.all(c, !has(c.dependsOn) || {_BY_STATUS})",
-            message="dependsOn waits for a job with status: Complete, and for components without job with status: Ready; write that status, or job: {} in a component that ends; nothing waits for one with schedule",
-            expression=f"'dependsOn of %s waits for a job with status: Complete, and for components without job with status: Ready; write that status, or job: {{}} in a component that ends (jobs are %s); nothing waits for one with schedule'.format([self.components.filter(c, has(c.dependsOn) && !({_BY_STATUS})).map(c, c.name), {_JOBS}])",
+            message="dependsOn waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends; nothing waits for one with schedule",
+            expression=f"'dependsOn of %s waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {{}} in a component that ends (jobs are %s); nothing waits for one with schedule'.format([self.components.filter(c, has(c.dependsOn) && !({_BY_STATUS})).map(c, c.name), {_JOBS}])",
             path=".components",
         ),
         Rule(

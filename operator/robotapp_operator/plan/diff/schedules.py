@@ -25,7 +25,7 @@ class RunRecord(NamedTuple):
     goes: bool = False
 
 
-class Decision(NamedTuple):
+class RunDecision(NamedTuple):
     """The run that begins now, and until when due times are to be recorded as settled; None for neither."""
 
     due: datetime | None = None
@@ -34,14 +34,14 @@ class Decision(NamedTuple):
 
 def decide_run(
     due_times: DueTimes, record: RunRecord, *, within: timedelta, now: datetime, may_start: bool, is_edited: bool
-) -> Decision:
+) -> RunDecision:
     """Returns whether a run is due. within: how late it may begin. is_edited: since the record was made, which begins the schedule anew."""
     if record.goes:
-        return Decision()  # what becomes due meanwhile is skipped, because the end of the run settles it
+        return RunDecision()  # what becomes due meanwhile is skipped, because the end of the run settles it
     if is_edited:
-        return Decision(settled=max(now, record.settled))
+        return RunDecision(settled=max(now, record.settled))
     due = due_times.find_last(max(record.settled, now - within), now)
-    return Decision(due=due) if may_start else Decision(settled=due)
+    return RunDecision(due=due) if may_start else RunDecision(settled=due)
 
 
 class ScheduledRun(NamedTuple):

@@ -297,8 +297,11 @@ def _explain_end_of_job(
     why = f"{verdict.reason}: {verdict.message}" if verdict is not None else "failed"
     last = _last_exit(pods)
     code = f", last with exit code {last.exit_code} ({last.reason}){_quote(last)}" if last else ""
-    again = f"; an edit of the component runs the job again, and so does kubectl delete job {name}"
-    return Reason.JOB_FAILED, f"{why}{code}; see kubectl logs job/{name}{'' if comes_back else again}"
+    if comes_back:
+        return Reason.JOB_FAILED, f"{why}{code}; see kubectl logs job/{name}"
+    return Reason.JOB_FAILED, (
+        f"{why}{code}; see kubectl logs job/{name}; an edit of the component runs the job again, and so does kubectl delete job {name}"
+    )
 
 
 def _last_exit(pods: Sequence[Pod]) -> Terminated | None:
