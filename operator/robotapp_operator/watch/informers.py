@@ -28,6 +28,8 @@ from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
 """What is shown of round trips follows them this much later: both ends of a pair report."""
+AFTER_OTHERS_S: Final = 1.0
+"""Delay before a sweep uses a domain that has rested: apps that wait for one come first."""
 OWNER_DELAY_S: Final = 1.0
 FLEET_DELAY_S: Final = 1.0
 POOL_DELAY_S: Final = 1.0
@@ -149,14 +151,14 @@ class Informers:
             self._begin_next(label(item, Label.APP_UID))
         self._status(item)
 
-    def _begin_next(self, uid: str) -> None:
+    def _begin_next(self, uid: str, *, delay_s: float = 0.0) -> None:
         """Adds the instances of a sweep whose turn has come."""
         record = self._cache.apps.get(uid)
         if record is None or record.app is None or record.app.spec.matrix is None:
             return
         for instance in admitted_instances(record.app, self._cache) - self._cache.running_instances(uid):
-            self._queue.add(Key(Work.CHILDREN, uid, instance))
-            enqueue_status(self._queue, uid, instance)
+            self._queue.add(Key(Work.CHILDREN, uid, instance), delay_s=delay_s)
+            enqueue_status(self._queue, uid, instance, delay_s=delay_s)
 
     def _others_may_start(self, before: Deployment | Pod | None, now: Deployment | Pod | None) -> bool:
         """Whether a Deployment or pod has become ready, and others of its app may wait for that."""
@@ -326,6 +328,8 @@ class Informers:
             for name in self._on_networks_of(change):
                 self._fullness(name)
                 self._waiting_for(name)
+            for uid in self._cache.apps:  # a sweep may hold another number of domains now
+                self._begin_next(uid, delay_s=AFTER_OTHERS_S)
 
     def _on_networks_of(self, change: Change) -> list[str]:
         """The other pools of the networks that a pool served or serves: whether they overlap may have changed."""
@@ -359,6 +363,7 @@ class Informers:
             enqueue_joined(self._cache, self._queue, owner, uid=holder.uid, instance=holder.instance)
         if change.new is None:
             self._waiting_for(claim.spec.domain.pool)
+            self._begin_next(holder.uid, delay_s=AFTER_OTHERS_S)
 
     def _waiting_for(self, pool: str) -> None:
         self._queue.add(Key(Work.WAITING, pool_group(pool)))
