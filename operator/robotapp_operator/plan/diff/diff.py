@@ -58,6 +58,8 @@ class Plan:
     deletes: tuple[Observed, ...] = ()
     held: tuple[Held, ...] = ()
     foreign: tuple[str, ...] = ()
+    outlived: frozenset[str] = frozenset()
+    """Uids of those of `deletes` that stay until their last pod has ended, because a successor of another kind is made then."""
 
     def __bool__(self) -> bool:
         """Is there anything to write?"""
@@ -138,15 +140,18 @@ def plan(
     restarts: list[Change] = []
     foreign: list[str] = []
     replaced: list[Observed] = []
+    changed_kind = [item for item in observed.values() if _has_changed_kind(app, item)]
+    ending = {item.metadata.labels.get(Label.COMPONENT, "") for item in changed_kind}
     for child in wanted:
         over = observed.get(child.ref)
         if over is None:
-            changes.append(Change(child, None))
+            if child.component not in ending or child.ref.kind == SERVICE:
+                changes.append(Change(child, None))
         elif over.metadata.controller_uid != app.uid:
             foreign.append(f"{child.ref.kind} {child.ref.name}")
+        elif over.metadata.deletion_timestamp is not None and not isinstance(over, Service):
+            continue  # its successor is made when its last pod has ended
         elif isinstance(over, Job):
-            if over.is_deleting:
-                continue  # its successor is made when its last pod has ended
             if must_replace(app, child, over, version=version) or must_delete(app, child, over, progress):
                 replaced.append(over)
             elif (job_spec := _change_job(app, child, over, progress)) is not None:
@@ -171,7 +176,18 @@ def plan(
     names = {child.ref for child in wanted}
     unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
     deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]
-    return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign))
+    outlived = frozenset(item.metadata.uid for item in changed_kind)
+    return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign), outlived)
+
+
+def _has_changed_kind(app: App, item: Observed) -> bool:
+    """Returns whether a Deployment's component is a job by now, or the reverse: two kinds have no rule between them that keeps a pod
+    of the one from running beside a pod of the other, and not every scheduler waits for a predecessor.
+    """
+    if isinstance(item, Service) or item.metadata.controller_uid != app.uid:
+        return False
+    is_job = {component.name: component.job is not None for component in app.spec.components}
+    return is_job.get(item.metadata.labels.get(Label.COMPONENT, ""), isinstance(item, Job)) != isinstance(item, Job)
 
 
 def _change_job(app: App, child: Child, job: Job, progress: Progress) -> dict[str, Any] | None:
