@@ -2,8 +2,10 @@
 
 from datetime import UTC, datetime
 
+from robotapp_api.model.names import Condition
+from robotapp_cli.failures import CliError
 from robotapp_cli.output import print_line
-from robotapp_cli.reading.fields import Json, meta
+from robotapp_cli.reading.fields import Json, condition, meta
 from robotapp_cli.reading.pods import (
     Selection,
     explain_no_pods,
@@ -12,7 +14,7 @@ from robotapp_cli.reading.pods import (
     name_selection,
     write_label_selector,
 )
-from robotapp_cli.reading.runs import ENDED, JobRun, Run, list_runs
+from robotapp_cli.reading.runs import ENDED, JobRun, Run, has_ended, list_runs
 from robotapp_cli.reading.session import Session
 from robotapp_cli.working.runs import delete_job
 from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS
@@ -28,7 +30,10 @@ async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
     # The version makes it a compare-and-swap: an app that was made anew in between is another one.
     patch = {"metadata": {"resourceVersion": meta(app)["resourceVersion"]}, "spec": {"suspend": suspend}}
     await session.client.patch(ROBOTAPPS, name, patch, namespace=session.home)
-    if suspend:
+    if suspend and has_ended(app):
+        print_line(f"{name} is suspended; it had ended before, so it has no pods, domain or devices")
+        print_line(f"No job of it runs again until: kubectl robotapp resume {name}")
+    elif suspend:
         print_line(f"{name} is suspended: its pods end, it keeps its domain and gives its devices back")
         print_line(f"Start it again: kubectl robotapp resume {name}")
     else:
@@ -48,6 +53,9 @@ async def restart_components(session: Session, selection: Selection) -> None:
     jobs = [job for run in runs for job in list_repeated(app, run, selection)] if not deployments else []
     if not (deployments or jobs) or app["spec"].get("suspend"):
         raise explain_no_pods(app, selection)
+    accepted = condition(app, Condition.ACCEPTED)
+    if jobs and accepted.get("status") == "False":
+        raise CliError(f"no job of {selection.app} would be made, so none was deleted: {accepted.get('message', '')}")
     now = datetime.now(UTC).isoformat(timespec="seconds")
     for deployment in deployments:
         await restart_deployment(session.client, deployment, at=now)

@@ -37,7 +37,7 @@ SEARCH_S: Final = 3.0
 MOST_REPLAYED: Final = 2000
 """`placement.reschedule.when` of an app whose pods the operator moves."""
 NOT_TRIED: Final = (
-    "not tried: claims of domains, evictions, discovery servers of new apps; a priorityClassName of theirs counts as 0"
+    "not tried: claims of domains, evictions, discovery servers of new apps; a priorityClassName in a new app counts as 0"
 )
 
 

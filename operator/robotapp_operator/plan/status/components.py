@@ -247,8 +247,9 @@ def _explain_end_of_job(job: Job, pods: Sequence[Pod], ending: Ending | None) ->
     why = f"{verdict.reason}: {verdict.message}" if verdict is not None else "failed"
     last = _last_exit(pods)
     code = f", last with exit code {last.exit_code} ({last.reason}){_quote(last)}" if last else ""
+    app = job.metadata.labels.get(Label.APP, "")
     return Reason.JOB_FAILED, (
-        f"{why}{code}; see kubectl logs job/{name}; an edit of the component runs the job again, and so does kubectl delete job {name}"
+        f"{why}{code}; see kubectl logs job/{name}; kubectl robotapp runs {app} --failed runs it again, and so does an edit of the component"
     )
 
 

@@ -220,7 +220,7 @@ def placed(facts: AppFacts) -> Verdict:
         return Verdict("Unknown", Reason.SUSPENDED, "no pods while suspended")
     if facts.ended:
         return Verdict("Unknown", _ended(facts).reason, "no pods: every instance has ended")
-    parts = [component for instance in facts.instances for component in instance.wanted]
+    parts = [component for instance in facts.begun for component in instance.wanted]
     bound = sum(component.bound for component in parts)
     for instance in facts.instances:
         for component in instance.components:

@@ -36,6 +36,7 @@ class InstanceFacts:
 
     instance: Instance
     components: tuple[ComponentView, ...]
+    app_name: str = ""
     ending: Ending | None = None
     """Why it has ended: its jobs have completed or failed."""
     edges: tuple[EdgeView, ...] = ()

@@ -106,6 +106,8 @@ def instance_phase(instance: InstanceFacts, before: str) -> Phase:
         return Phase.RUNNING
     if instance.grace and instance.bound:
         return Phase.DEGRADED
+    if any(component.reason is Reason.JOB_FAILED for component in instance.wanted):
+        return Phase.DEGRADED  # it has run, and what waits for it waits for ever
     views = [*instance.components, *(helper.view for helper in instance.failing_helpers)]
     failing = [view for view in views if view.reason not in (None, Reason.UNSCHEDULABLE)]
     if instance.bound and (failing or before in (Phase.RUNNING, Phase.DEGRADED)):

@@ -225,3 +225,24 @@ def test_restart_of_a_job_that_is_not_there_yet_changes_nothing(stage: Stage) ->
     result = stage.run("restart", "teleop", "sim")
     assert result.exit_code == 4
     assert "has no pod; kubectl robotapp info teleop has the reason" in result.output
+
+
+def test_restart_deletes_no_job_that_would_not_be_made_again(stage: Stage) -> None:
+    fill(stage)
+    refused = {"type": "Accepted", "status": "False", "reason": "InvalidSpec", "message": "$(MATRIX_SPED) is none"}
+    stage.add(ROBOTAPPS, {**sweep(), "status": {"conditions": [refused]}})
+    result = stage.run("restart", "teleop")
+    assert result.exit_code == 1
+    assert "no job of teleop would be made, so none was deleted: $(MATRIX_SPED) is none" in result.output
+    assert names_of_jobs(stage) == ["teleop-a-sim", "teleop-b-sim"]
+
+
+def test_an_app_that_has_ended_has_nothing_to_stop_when_it_is_suspended(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, {**sweep(), "status": {"phase": "Completed"}})
+    assert stage.text("suspend", "teleop").splitlines() == [
+        "teleop is suspended; it had ended before, so it has no pods, domain or devices",
+        "No job of it runs again until: kubectl robotapp resume teleop",
+    ]
+    refused = {"type": "Accepted", "status": "False", "reason": "InvalidSpec", "message": "mend it"}
+    stage.add(ROBOTAPPS, {**sweep(), "status": {"phase": "Failed", "conditions": [refused]}})
+    assert "its pods end" in stage.text("suspend", "teleop")

@@ -56,6 +56,15 @@ def test_instances_that_wait_for_their_turn_are_in_no_trouble() -> None:
     assert status_of(None, RUNNING, WAITING).get("troubled", []) == []
 
 
+def test_only_instances_that_have_begun_are_to_be_placed() -> None:
+    unscheduled = dataclasses.replace(STARTING, reason=Reason.UNSCHEDULABLE, message="0/5 nodes fit")
+    status = status_of(unscheduled, WAITING, WAITING)
+    placed = next(item for item in status["conditions"] if item["type"] == "Placed")
+    assert (placed["reason"], placed["message"].split(";")[0]) == (Reason.UNSCHEDULABLE, "0 of 1 placed")
+    placed = next(item for item in status_of(None, RUNNING, WAITING)["conditions"] if item["type"] == "Placed")
+    assert (placed["status"], placed["message"]) == ("True", "1 of 1 component on n")
+
+
 def test_a_sweep_whose_instances_have_all_completed_is_completed() -> None:
     status = status_of(None, None)
     assert status["phase"] == Phase.COMPLETED
