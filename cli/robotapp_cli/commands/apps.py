@@ -86,21 +86,27 @@ async def show_info(session: Session, name: str, robot: str | None = None) -> No
 def _print_head(app: Json) -> None:
     summary, counts = status(app).get("summary") or {}, status(app).get("instanceCounts") or {}
     parts = [f"{meta(app)['namespace']}/{meta(app)['name']}", status(app).get("phase", "Pending")]
-    parts += [f"{'done' if has_ended(app) else 'ready'} {summary['ready']}"] if summary.get("ready") else []
-    parts += [_count_instances(counts, has_ended=has_ended(app))] if counts.get("desired", 0) > 1 else []
+    is_sweep = app["spec"].get("matrix") is not None  # its READY has the same counts in other words
+    if summary.get("ready") and not is_sweep:
+        parts.append(f"{'done' if has_ended(app) else 'ready'} {summary['ready']}")
+    if counts.get("desired", 0) > 1 or is_sweep:
+        parts.append(
+            _count_instances(counts, noun="run" if is_sweep else "instance", has_ended=is_sweep or has_ended(app))
+        )
     parts += [f"{key} {summary[key]}" for key in ("rmw", "discovery") if summary.get(key)]
     print_line("  ".join(parts), style="bold")
     if status(app).get("observedGeneration") != meta(app).get("generation"):
         print_line("The operator has not seen the latest change yet.", style="yellow")
 
 
-def _count_instances(counts: Json, *, has_ended: bool) -> str:
+def _count_instances(counts: Json, *, noun: str, has_ended: bool) -> str:
     """Returns `instances 998/1000 ready, 1 offline, 1 failed`; where some have ended `12 instances: 3 ready, 8 completed, 1 failed`."""
     if counts.get("completed") or has_ended:
         words = [f"{counts[key]} {key}" for key in ("ready", "completed", "offline", "failed") if counts.get(key)]
-        return f"{counts['desired']} instances: {', '.join(words)}"
+        total = counts.get("desired", 0)
+        return f"{total} {noun}{'' if total == 1 else 's'}: {', '.join(words) or 'none has begun'}"
     others = [f"{counts[key]} {key}" for key in ("offline", "failed") if counts.get(key)]
-    return ", ".join([f"instances {counts.get('ready', 0)}/{counts['desired']} ready", *others])
+    return ", ".join([f"{noun}s {counts.get('ready', 0)}/{counts['desired']} ready", *others])
 
 
 def _print_conditions(app: Json) -> None:

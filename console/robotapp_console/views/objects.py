@@ -61,9 +61,14 @@ class ComponentSpec(Object, frozen=True, kw_only=True):
     replica_identity: str = ""
 
 
+class MatrixSpec(Object, frozen=True, kw_only=True):
+    """Of interest is only that there is one: the app is a sweep."""
+
+
 class AppSpec(Object, frozen=True, kw_only=True):
     components: tuple[ComponentSpec, ...] = ()
     edges: tuple[EdgeSpec, ...] = ()
+    matrix: MatrixSpec | None = None
     suspend: bool = False
 
 

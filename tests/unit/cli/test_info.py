@@ -168,6 +168,16 @@ class TestInfoOfASweep:
         assert "done 11/12  12 instances: 11 completed, 1 failed" in lines[0]
         assert [line for line in lines if line.startswith("robot run-")] == ["robot run-07, domain 7, Failed"]
 
+    def test_runs_of_a_sweep_are_counted_once(self, stage: Stage) -> None:
+        counts = {"desired": 200, "ready": 3, "completed": 37, "failed": 1}
+        summary = {**STATUS["summary"], "ready": "37/200 done, 1 failed"}
+        app = robotapp(status={**STATUS, "summary": summary, "instanceCounts": counts})
+        app["spec"]["matrix"] = {"parameters": [{"name": "seed", "values": ["1", "2"]}]}
+        stage.add(ROBOTAPPS, app)
+        head = stage.text("info", "teleop").splitlines()[0]
+        assert "Running  200 runs: 3 ready, 37 completed, 1 failed  " in head
+        assert "37/200 done, 1 failed" in stage.text("list")
+
     def test_while_some_run_they_are_counted_beside_those_that_have_ended(self, stage: Stage) -> None:
         counts = {"desired": 12, "ready": 3, "offline": 0, "completed": 5, "failed": 0}
         stage.add(ROBOTAPPS, robotapp(status={**STATUS, "instanceCounts": counts}))

@@ -26,7 +26,7 @@ MOST_LISTED: Final = 200
 MOST_EVENTS: Final = 20
 SUSPENDED: Final = "suspended"
 _GOOD_WHEN_FALSE: Final = frozenset({ConditionType.PROGRESSING, ConditionType.STALLED})
-_WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED})
+_WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED, Phase.COMPLETED})
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +127,8 @@ class AppView:
     phase: str
     colour: str
     facts: tuple[tuple[str, str], ...]
+    is_sweep: bool
+    """Its instances are runs, and have no robots."""
     outdated: bool
     """The operator has not seen the latest change yet."""
     problems: tuple[Problem, ...]
@@ -161,6 +163,7 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
         clean(app.status.phase or Phase.PENDING, 32),
         colour_phase(app.status.phase),
         _list_facts(app),
+        app.spec.matrix is not None,
         app.status.observed_generation != app.metadata.generation,
         tuple(list_troubled(app)),
         tuple(_build_condition(condition) for condition in app.status.conditions),
@@ -190,8 +193,10 @@ def _order_instances(app: App, instances: Iterable[Instance]) -> list[Instance]:
 
 def _list_facts(app: App) -> tuple[tuple[str, str], ...]:
     summary, counts = app.status.summary, app.status.instance_counts
+    is_sweep = app.spec.matrix is not None
     facts = [
-        ("components ready", summary.ready),
+        ("runs" if is_sweep else "components ready", summary.ready),
+        ("runs at work", str(counts.ready or "") if is_sweep else ""),
         ("robots ready", summary.robots if summary.robots != "-" else ""),
         ("domain", summary.domain),
         ("worst time / budget", summary.budget),
@@ -199,7 +204,7 @@ def _list_facts(app: App) -> tuple[tuple[str, str], ...]:
         ("middleware", summary.rmw),
         ("discovery", summary.discovery),
     ]
-    words = ("offline", "completed", "failed")
+    words = ("offline",) if is_sweep else ("offline", "completed", "failed")
     facts += [(f"instances {word}", str(getattr(counts, word) or "")) for word in words]
     return tuple((label, clean(value, 64)) for label, value in facts if value)
 

@@ -120,6 +120,20 @@ def test_of_many_instances_the_troubled_are_shown_in_full_and_all_are_listed() -
     assert shown.problems[0].command.endswith("--tail=50")
 
 
+def test_a_sweep_shows_how_many_of_its_runs_are_done_failed_and_at_work() -> None:
+    body = app("teleop")
+    body["spec"] = {"matrix": {"parameters": [{"name": "seed", "values": ["1", "2"]}]}}
+    body["status"]["summary"] = {"ready": "37/200 done, 1 failed"}
+    body["status"]["instanceCounts"] = {"desired": 200, "ready": 3, "completed": 37, "failed": 1}
+    phases = {"a": "Completed", "b": "Failed", "c": "Running"}
+    shown = view(snapshot(apps=[body], instances=[instance("teleop", key, phase=phases[key]) for key in phases]))
+    assert shown.facts[:2] == (("runs", "37/200 done, 1 failed"), ("runs at work", "3"))
+    assert not [label for label, _ in shown.facts if label.startswith("instances")]
+    assert shown.is_sweep
+    assert [line.name for line in shown.lines] == ["b", "a", "c"], "what has completed is in no trouble"
+    assert [each.message for each in shown.instances if each.name == "a"] == [""]
+
+
 def test_one_instance_can_be_chosen_and_a_missing_one_is_told() -> None:
     world = snapshot(apps=[app("teleop")], instances=[instance("teleop", f"r{i}") for i in range(20)])
     assert [item.name for item in view(world, "r13").instances] == ["r13"]
