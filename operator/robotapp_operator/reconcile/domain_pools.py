@@ -166,7 +166,7 @@ class Line:
                 yield uid, robot, app
 
     def _takes_any(self, app: App, uid: str, robot: str) -> bool:
-        """Whether the instance waits for nothing but a free id. Instances with another refusal try each time."""
+        """Returns whether the instance waits for nothing but a free id. Instances with another refusal try each time."""
         outcome = self._memory.outcome(uid, robot)
         exhausted = outcome is not None and outcome.reason is Reason.DOMAIN_EXHAUSTED
         return exhausted and app.takes_domains and app.requested_domain is None

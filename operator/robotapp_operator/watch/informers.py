@@ -17,7 +17,7 @@ from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Job, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner
-from robotapp_operator.plan.status.components import awaits_containers
+from robotapp_operator.plan.status.pods.pod_warnings import awaits_containers
 from robotapp_operator.queue.work import Work, namespace_group, pool_group
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
@@ -161,7 +161,7 @@ class Informers:
             enqueue_status(self._queue, uid, instance, delay_s=delay_s)
 
     def _others_may_start(self, before: Deployment | Pod | None, now: Deployment | Pod | None) -> bool:
-        """Whether a Deployment or pod has become ready, and others of its app may wait for that."""
+        """Returns whether a Deployment or pod has become ready, and others of its app may wait for that."""
         record = self._cache.apps.get(label(now, Label.APP_UID)) if now is not None else None
         waits = record is not None and record.app is not None and record.app.orders_starts
         return waits and now is not None and now.is_ready and not (before is not None and before.is_ready)
@@ -339,7 +339,7 @@ class Informers:
         ]
 
     def _asking_for_a_number(self, pool: str) -> None:
-        """Whether the pool gives the id that their spec names decides whether these apps are accepted."""
+        """Adds the apps whose spec names an id of the pool: they are accepted or not by whether it gives that id."""
         for uid, record in self._cache.apps.items():
             if record.app is not None and record.app.requested_domain is not None and record.app.pool == pool:
                 self._queue.add(Key(Work.APP, uid))
@@ -427,7 +427,7 @@ def _proposal(pod: Pod) -> str | None:
 
 
 def _chooses(app: App, *, same: bool) -> bool:
-    """Can a node's event change which robots the app gets? same: only the node's readiness has changed."""
+    """Returns whether a node's event can change which robots the app gets? same: only the node's readiness has changed."""
     robots = app.spec.robots
     return robots is not None and (not same or robots.assignment == ANY)
 

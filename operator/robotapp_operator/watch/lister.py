@@ -130,7 +130,7 @@ def chosen_overrides(app: App, cache: Cache) -> Mapping[str, object]:
 
 
 def names_config(app: App, cache: Cache) -> bool:
-    """Whether the app names any ConfigMap or Secret; `app` as it is written, without overrides."""
+    """Returns whether the app names any ConfigMap or Secret; `app` as it is written, without overrides."""
     answer: bool = cache.answers.get(app, "names config", None, lambda: reads_config(app))
     return answer
 
@@ -171,7 +171,7 @@ def problems_now(app: App, cache: Cache) -> tuple[Problem, ...]:
 
 
 def needs_domain(app: App) -> bool:
-    """Whether the app's instances need a domain: those of ROS 2 do."""
+    """Returns whether the app's instances need a domain: those of ROS 2 do."""
     return app.ros_version == 2
 
 

@@ -62,7 +62,7 @@ class Plan:
     """Uids of those of `deletes` that stay until their last pod has ended, because a successor of another kind is made then."""
 
     def __bool__(self) -> bool:
-        """Is there anything to write?"""
+        """Returns whether there is anything to write."""
         return bool(self.changes or self.deletes)
 
 
@@ -212,7 +212,7 @@ def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tupl
 
 
 def _may_be_named(app: App, item: Observed, held: Sequence[Held], version: str) -> bool:
-    """May a template that stays as another version rendered it need this object, a Service or infrastructure?
+    """Returns whether a template that stays as another version rendered it may need this object, a Service or infrastructure?
 
     Its pods would start without discovery. The Services go with the last template that is held.
     """
@@ -237,7 +237,7 @@ def _wants_pods(item: Deployment | Job) -> bool:
 
 
 def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]]) -> bool:
-    """Does `over` hold what `child` wants? The version that rendered it is no difference."""
+    """Returns whether `over` holds what `child` wants. The version that rendered it is no difference."""
     meta = over.metadata
     if meta.annotations.get(Annotation.CONTENT_HASH) != child.hash or not covers(meta.labels, child.labels):
         return False
@@ -247,7 +247,7 @@ def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]
 
 
 def _has_records(child: Child, over: Observed) -> bool:
-    """Whether what `child` records is written on `over`; it stands in annotations, so writing it starts no pod."""
+    """Returns whether what `child` records is written on `over`; it stands in annotations, so writing it starts no pod."""
     return child.annotations.items() <= over.metadata.annotations.items()
 
 
