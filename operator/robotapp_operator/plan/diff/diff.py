@@ -212,7 +212,7 @@ def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tupl
 
 
 def _may_be_named(app: App, item: Observed, held: Sequence[Held], version: str) -> bool:
-    """Returns whether a template that stays as another version rendered it may need this object, a Service or infrastructure?
+    """Returns whether a template that stays as another version rendered it may need this object, a Service or infrastructure.
 
     Its pods would start without discovery. The Services go with the last template that is held.
     """

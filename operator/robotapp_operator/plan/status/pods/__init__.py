@@ -1,1 +1,1 @@
-"""Why pods do not run."""
+"""Explanations of pods that do not run."""

@@ -1,4 +1,4 @@
-"""Why pods of a component are not ready, as their containers and the scheduler report it, with the cure."""
+"""Explains why pods of a component are not ready, as their containers and the scheduler report it, with the cure."""
 
 from collections.abc import Collection, Sequence
 from typing import Final
@@ -79,20 +79,20 @@ def _explain_scheduling(pod: Pod, condition: ObjectCondition) -> str:
 
 def _explain_container(container: ContainerStatus) -> tuple[Reason, str] | None:
     """Returns why a container does not run, None where its state does not tell."""
-    waiting, ended = container.state.waiting, container.state.terminated
-    if ended and ended.reason in _NOT_STARTED:
-        return Reason.FAILED_CREATE, _describe_start_failure(container.name, ended.message or ended.reason)
-    if waiting is None:
+    waiting_state, final_state = container.state.waiting, container.state.terminated
+    if final_state and final_state.reason in _NOT_STARTED:
+        return Reason.FAILED_CREATE, _describe_start_failure(container.name, final_state.message or final_state.reason)
+    if waiting_state is None:
         return None
-    if waiting.reason in PULLING:
-        return Reason.IMAGE_PULL, f"{waiting.reason}: {waiting.message}; check image and imagePullSecrets"
-    if waiting.reason in _NOT_STARTED:
-        return Reason.FAILED_CREATE, _describe_start_failure(container.name, waiting.message)
-    if waiting.reason == "CrashLoopBackOff":
+    if waiting_state.reason in PULLING:
+        return Reason.IMAGE_PULL, f"{waiting_state.reason}: {waiting_state.message}; check image and imagePullSecrets"
+    if waiting_state.reason in _NOT_STARTED:
+        return Reason.FAILED_CREATE, _describe_start_failure(container.name, waiting_state.message)
+    if waiting_state.reason == "CrashLoopBackOff":
         return _explain_crash(container)
-    if waiting.reason in _CONFIG:
-        cure = "; create it, or write optional: true" if "not found" in waiting.message else ""
-        return Reason.FAILED_CREATE, f"{waiting.reason}: {waiting.message}{cure}"
+    if waiting_state.reason in _CONFIG:
+        cure = "; create it, or write optional: true" if "not found" in waiting_state.message else ""
+        return Reason.FAILED_CREATE, f"{waiting_state.reason}: {waiting_state.message}{cure}"
     return None
 
 
@@ -115,9 +115,12 @@ def explain_exit(live: Sequence[Pod]) -> tuple[Reason, str] | None:
     """Returns what is wrong where a program that should run on has ended with exit code 0, None where none has."""
     for pod in live:
         for container in pod.status.container_statuses:
-            ended = container.state.terminated
-            if ended is not None and ended.exit_code == 0 and ended.reason not in _NOT_STARTED:
-                return Reason.PROGRAM_ENDED, f"{container.name} has ended with exit code 0{quote(ended)}; {_WRITE_JOB}"
+            final_state = container.state.terminated
+            if final_state is not None and final_state.exit_code == 0 and final_state.reason not in _NOT_STARTED:
+                return (
+                    Reason.PROGRAM_ENDED,
+                    f"{container.name} has ended with exit code 0{quote(final_state)}; {_WRITE_JOB}",
+                )
     return None
 
 

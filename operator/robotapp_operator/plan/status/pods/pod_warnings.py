@@ -1,4 +1,4 @@
-"""What the events of pods tell about volumes, devices and networks that their containers wait for."""
+"""Reads from the events of pods why their containers wait for volumes, devices or networks."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
