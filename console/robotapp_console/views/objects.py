@@ -55,8 +55,13 @@ class EdgeSpec(Object, frozen=True, kw_only=True):
     latency: Latency | None = None
 
 
+class JobSpec(Object, frozen=True, kw_only=True):
+    """Of interest is only that there is one: the component's program ends."""
+
+
 class ComponentSpec(Object, frozen=True, kw_only=True):
     name: str = ""
+    job: JobSpec | None = None
     replicas: int = 1
     replica_identity: str = ""
 
@@ -124,6 +129,7 @@ class ComponentStatus(Object, frozen=True, kw_only=True):
     name: str = ""
     node: str = ""
     ready: bool = False
+    completed: bool = False
     restarts: int = 0
     message: str = ""
 

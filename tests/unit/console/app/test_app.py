@@ -134,6 +134,18 @@ def test_a_sweep_shows_how_many_of_its_runs_are_done_failed_and_at_work() -> Non
     assert [each.message for each in shown.instances if each.name == "a"] == [""]
 
 
+def test_a_job_that_has_completed_is_done_waits_for_no_node_and_has_commands_for_runs() -> None:
+    body = app("teleop") | {"spec": {"components": [{"name": "save", "job": {}}, {"name": "driver"}]}}
+    components = [{"name": "save", "ready": True, "completed": True}, {"name": "driver", "ready": True, "node": "r1"}]
+    shown = view(snapshot(apps=[body], instances=[instance("teleop", components=components)]))
+    save, driver = shown.instances[0].components
+    assert (save.state, save.colour, save.place, save.wants_node, save.is_job) == ("done", "good", "none", False, True)
+    assert (driver.state, driver.is_job) == ("yes", False)
+    assert "kubectl robotapp runs teleop -n default --failed" in [command.line for command in shown.commands]
+    plain = view(snapshot(apps=[app("teleop")]))
+    assert not [command for command in plain.commands if "runs" in command.line]
+
+
 def test_one_instance_can_be_chosen_and_a_missing_one_is_told() -> None:
     world = snapshot(apps=[app("teleop")], instances=[instance("teleop", f"r{i}") for i in range(20)])
     assert [item.name for item in view(world, "r13").instances] == ["r13"]
