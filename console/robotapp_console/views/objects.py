@@ -3,6 +3,7 @@
 import msgspec
 
 from robotapp_api.values.placement.round_trips import Rtt
+from robotapp_claims.rules.objects import TelemetryDevice
 
 
 class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True, gc=False):
@@ -201,21 +202,10 @@ class Battery(Object, frozen=True, kw_only=True):
     charging: bool = False
 
 
-class ReportedDevice(Object, frozen=True, kw_only=True):
-    id: str = ""
-    type: str = ""
-    model: str = ""
-    interface: str = ""
-    identity: str = ""
-    path: str = ""
-    present: bool = False
-    names: tuple[str, ...] = ()
-
-
 class TelemetryStatus(Object, frozen=True, kw_only=True):
     interval_seconds: int | None = None
     seq: int | None = None
-    devices: tuple[ReportedDevice, ...] = ()
+    devices: tuple[TelemetryDevice, ...] = ()
     device_problem: str = ""
     rtt: tuple[Rtt, ...] = ()
     load: Load | None = None
