@@ -139,7 +139,7 @@ class RobotAppSpec(Model):
         ),
         Rule(
             rule=f"!has(self.matrix) || {_JOBS}.size() > 0",
-            message="an instance of a sweep ends with its components that have job, and none has it, so later instances would wait for ever; write job: {} in the component whose program ends, and completion: {} where others run on",
+            message="an instance of a sweep ends with its components that have job, and none has it, so later ones would wait for ever; write job: {} where the program ends, and completion: {} if others run on",
             path=".components",
         ),
         Rule(
