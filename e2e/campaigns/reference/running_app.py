@@ -2,7 +2,8 @@
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from typing import Any, Final
 
@@ -113,6 +114,27 @@ class RunningApp:
             return self.uid_of(component) not in ("", pod["uid"])
 
         self.wait_until(is_replaced, what=f"{component} has a new pod", component=component, within_s=REPLACED_S)
+
+    @contextmanager
+    def cut_link(self, name: str, other_name: str) -> Iterator[None]:
+        """Cuts what the pods of two nodes send each other; the cluster reaches both."""
+        self.cp.switch.set_link(name, other_name, down=True)
+        try:
+            yield
+        finally:
+            self.cp.switch.set_link(name, other_name, down=False)
+
+    @contextmanager
+    def take_offline(self, name: str) -> Iterator[None]:
+        """Takes a node offline, for the cluster and for the pods of all other nodes. Its own pods go on."""
+        node = self.cp.node(name)
+        self.cp.switch.set_node(name, down=True)
+        try:
+            node.cut_off()
+            yield
+        finally:
+            node.reconnect()
+            self.cp.switch.set_node(name, down=False)
 
     # --- waiting ----------------------------------------------------------------------------------------------
 
