@@ -13,8 +13,10 @@ import os
 import platform
 import shlex
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -36,11 +38,12 @@ from campaigns.reference.catalogue import (
     Fault,
     Scenario,
 )
+from campaigns.reference.placement import Placement
 from campaigns.reference.profiles import infer
 from campaigns.reference.real_nodes import describe, run_trial, start_cluster
 from campaigns.reference.report import Report, read_report
 from campaigns.reference.simulated_nodes import start_rig
-from campaigns.reference.turns import ALL, OWN
+from campaigns.reference.turns import ALL, OWN, Turn
 from campaigns.scenarios.contenders import Contender
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.real import UnavailableError, prerequisites
@@ -105,7 +108,7 @@ def _try_all(arguments: argparse.Namespace, report: Report) -> None:
 
 
 def _place_all(arguments: argparse.Namespace, report: Report) -> None:
-    """Places applications on one control plane until the budget is spent."""
+    """Places applications on one control plane until the budget is spent: those of a scenario in turn, scenarios beside each other."""
     turns = agenda.put_missing_first(
         agenda.plan_placements(*_choose(arguments), arguments.repetitions),
         lambda turn: report.has_placement(turn.app, turn.contender.name, turn.repetition),
@@ -113,21 +116,33 @@ def _place_all(arguments: argparse.Namespace, report: Report) -> None:
     for app in dict.fromkeys(turn.app for turn in turns):
         report.profiles[app] = infer(app)
     keep = _save_at_times(arguments.json, report)
-    count = 0
-    with start_rig() as rig:
-        for turn in agenda.within(turns, arguments.budget_minutes):
+    lock = threading.Lock()
+
+    def place_lane(lane: Sequence[Turn]) -> int:
+        count = 0
+        for turn in agenda.within(lane, arguments.budget_minutes):
             began_s = time.monotonic()
             placement = rig.place(turn.scenario, turn.ros, turn.contender, turn.repetition)
+            with lock:
+                say(f"{_describe(placement)} [{time.monotonic() - began_s:.1f} s]")
+                report.note_placement(placement)
+                keep()
             count += 1
-            kept = f"{placement.kept}/{len(placement.promises)}"
-            nodes = reports.describe_nodes(placement.nodes)
-            say(
-                f"{placement.repetition} {placement.app} under {placement.scheduler}: {kept} kept; {nodes}"
-                f" [{time.monotonic() - began_s:.1f} s]"
-            )
-            report.note_placement(placement)
-            keep()
-    _tell_rest(len(turns) - count)
+        return count
+
+    with start_rig() as rig, ThreadPoolExecutor(len(SCENARIOS)) as pool:
+        for turn in turns:
+            rig.prepare(turn.scenario, turn.ros)
+        lanes = [[turn for turn in turns if turn.scenario.name == name] for name in SCENARIOS]
+        counts = [*pool.map(place_lane, lanes)]
+    _tell_rest(len(turns) - sum(counts))
+
+
+def _describe(placement: Placement) -> str:
+    """Returns one line of a placement."""
+    kept = f"{placement.kept}/{len(placement.promises)}"
+    nodes = reports.describe_nodes(placement.nodes)
+    return f"{placement.repetition} {placement.app} under {placement.scheduler}: {kept} kept; {nodes}"
 
 
 def _choose(arguments: argparse.Namespace) -> tuple[list[Scenario], list[int], Sequence[Contender]]:

@@ -38,10 +38,10 @@ class Rig:
         self._namespaces: dict[str, str] = {}
 
     def place(self, scenario: Scenario, ros: int, contender: Contender, repetition: int) -> Placement:
-        """Applies one application, waits for its nodes, and removes it."""
+        """Applies one application that is prepared, waits for its nodes, and removes it. Several threads may do so, each with its own."""
         name = scenario.app(ros)
         app = read_app(name, scenario.runs_on, scheduler=contender.scheduler_name, use_images=False)
-        namespace = self._find_namespace(scenario, name)
+        namespace = self._namespaces[name]
         components = [component["name"] for component in app["spec"]["components"]]
         path = f"/apis/{API_VERSION}/namespaces/{namespace}/robotapps"
         self.cp.api.create(path, app)
@@ -65,16 +65,17 @@ class Rig:
             plugins=sorted(set().union(*map(list_plugins, records.values()))),
         )
 
-    def _find_namespace(self, scenario: Scenario, name: str) -> str:
-        """Returns the application's namespace, made at its first placement with the volume that its claim is bound to."""
-        if name not in self._namespaces:
-            namespace = self._stack.enter_context(created(self.cp, f"{name}-{secrets.token_hex(3)}"))
-            claims = read_claims(name)
-            volumes = [make_volume(claim, namespace, scenario.volume_node) for claim in claims]
-            if claims:
-                teleop_app.apply(self.cp, namespace, [*volumes, *claims])
-            self._namespaces[name] = namespace
-        return self._namespaces[name]
+    def prepare(self, scenario: Scenario, ros: int) -> None:
+        """Makes the namespace of an application, with the volume that its claim is bound to."""
+        name = scenario.app(ros)
+        if name in self._namespaces:
+            return
+        namespace = self._stack.enter_context(created(self.cp, f"{name}-{secrets.token_hex(3)}"))
+        claims = read_claims(name)
+        volumes = [make_volume(claim, namespace, scenario.volume_node) for claim in claims]
+        if claims:
+            teleop_app.apply(self.cp, namespace, [*volumes, *claims])
+        self._namespaces[name] = namespace
 
     def _wait_gone(self, namespace: str) -> None:
         """Waits until the places of an application are free for the next one."""
