@@ -59,15 +59,16 @@ def _lose_robot(app: RunningApp, trial: Trial, fault: Fault) -> float:
 
     done_before = max(list_done(app))
     outage = make_outage(app, trial, fault, robot=ROBOTS[-1], partner="coordinator", meanwhile=wait_for_others)
-    trial.figures["tasks_meanwhile"] = max(list_done(app)) - done_before
+    trial.figures["tasks_meanwhile"] = max(list_done(app, until_s=outage.ended_s)) - done_before
     app.wait_for("coordinator", "is back", within_s=trial.heals_within_s, after_s=outage.began_s)
     trial.demand(trial.figures["tasks_meanwhile"] > FIRST_TASKS, "the others go on while a robot is away")
     return outage.ended_s
 
 
-def list_done(app: RunningApp) -> list[int]:
-    """Returns how many tasks were done, by each line of the coordinator's newest pod."""
-    return [int(match[1]) for _, line in app.list_lines("coordinator") if (match := _DONE.search(line))] or [0]
+def list_done(app: RunningApp, *, until_s: float = float("inf")) -> list[int]:
+    """Returns how many tasks were done, by each line of the coordinator's newest pod up to a time."""
+    lines = [line for at_s, line in app.list_lines("coordinator") if at_s <= until_s]
+    return [int(match[1]) for line in lines if (match := _DONE.search(line))] or [0]
 
 
 def count_work(app: RunningApp) -> Counter[int]:
