@@ -25,6 +25,9 @@ class Fault(StrEnum):
     LINK_CUT = "link-cut"
     ROBOT_OFFLINE = "robot-offline"
     POD_KILLED = "pod-killed"
+    ROBOT_KILLED = "robot-killed"
+    MASTER_KILLED = "master-killed"
+    """Of ROS 1."""
     SENSOR_UNPLUGGED = "sensor-unplugged"
 
 
@@ -69,9 +72,12 @@ class Scenario:
 
     def describe_fault(self, fault: Fault, outage_s: float) -> str:
         """Returns the fault as it is written in tables, such as `link cut 10 s`."""
-        return (
-            f"{self.killed}'s pod killed" if fault is Fault.POD_KILLED else f"{fault.replace('-', ' ')} {outage_s:g} s"
-        )
+        killed = {Fault.POD_KILLED: self.killed, Fault.ROBOT_KILLED: "robot", Fault.MASTER_KILLED: "master"}
+        return f"{killed[fault]}'s pod killed" if fault in killed else f"{fault.replace('-', ' ')} {outage_s:g} s"
+
+    def list_faults(self, ros: int) -> list[Fault]:
+        """Returns the faults of one generation: ROS 2 has no master."""
+        return [fault for fault in self.faults if ros == 1 or fault is not Fault.MASTER_KILLED]
 
     def list_hosts(self, names: Collection[str]) -> list[str]:
         """Returns which nodes of a cluster may get pods of the application: robots of other applications may not."""
@@ -109,7 +115,7 @@ _ALL: Final = (
         "Teleoperation",
         _plugins("LatencyFilter", "LatencyScore", "DeadlineScore"),
         Inferred("realtime", "realtime", "none", "none"),
-        (Fault.LINK_CUT, Fault.ROBOT_OFFLINE, Fault.POD_KILLED),
+        (Fault.LINK_CUT, Fault.ROBOT_OFFLINE, Fault.POD_KILLED, Fault.MASTER_KILLED),
         (robot(ROBOT), _EDGE_NODE, _CLOUD_NODE),
         {"operator": _OFF_BOARD},
         killed="operator",
@@ -119,7 +125,7 @@ _ALL: Final = (
         "Cloud Autonomous",
         _plugins("LatencyFilter", "LatencyScore", "TopologyScore"),
         Inferred("best_effort", "sensor_data", "none", "none"),
-        (Fault.ROBOT_OFFLINE, Fault.LINK_CUT, Fault.POD_KILLED),
+        (Fault.ROBOT_OFFLINE, Fault.LINK_CUT, Fault.POD_KILLED, Fault.MASTER_KILLED),
         (robot(ROBOT), _CLOUD_NODE),
         {},
         killed="planner",
@@ -139,7 +145,7 @@ _ALL: Final = (
         "Multi-Robot Fleet",
         {1: ("TopologyScore",), 2: ("TopologyScore", "SharedDataFilter", "LatencyFilter")},
         Inferred("best_effort", "realtime", "none", "none"),
-        (Fault.POD_KILLED, Fault.ROBOT_OFFLINE),
+        (Fault.POD_KILLED, Fault.ROBOT_OFFLINE, Fault.ROBOT_KILLED),
         (*(robot(name) for name in FLEET), _EDGE_NODE),
         {},
         killed="coordinator",
@@ -150,7 +156,7 @@ _ALL: Final = (
         "Object Detection",
         _plugins("HardwareAffinityFilter", "LatencyFilter", "LatencyScore"),
         Inferred("sensor_data", "sensor_data", "gpu", "gpu"),
-        (Fault.POD_KILLED, Fault.ROBOT_OFFLINE),
+        (Fault.POD_KILLED, Fault.ROBOT_OFFLINE, Fault.MASTER_KILLED),
         (robot(ROBOT), _EDGE_NODE),
         {"detector": _OFF_BOARD},
         killed="detector",

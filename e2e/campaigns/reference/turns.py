@@ -52,17 +52,17 @@ def plan_trials(
     return [
         Turn(scenario, ros, contender, fault=fault)
         for scenario in scenarios
-        for fault in choose_faults(scenario, faults)
         for ros in generations
+        for fault in choose_faults(scenario, ros, faults)
         for contender in contenders
     ]
 
 
-def choose_faults(scenario: Scenario, faults: str) -> Sequence[Fault]:
-    """Returns the faults of a scenario by what `--fault` says: `own`, `all`, or the name of one, which not every scenario has."""
+def choose_faults(scenario: Scenario, ros: int, faults: str) -> Sequence[Fault]:
+    """Returns the faults of an application by what `--fault` says: `own`, `all`, or the name of one, which not every one has."""
     if faults == OWN:
         return scenario.faults[:1]
-    return [fault for fault in scenario.faults if faults in (ALL, fault)]
+    return [fault for fault in scenario.list_faults(ros) if faults in (ALL, fault)]
 
 
 def choose_contenders(scheduler: str) -> Sequence[Contender]:

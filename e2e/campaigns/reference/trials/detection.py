@@ -22,9 +22,12 @@ def try_detection(app: RunningApp, trial: Trial, fault: Fault) -> None:
         "recall": find_recall(rows),
         "detect_ms": sum(float(row["detect_ms"]) for row in rows) / len(rows),
     }
-    if fault is Fault.POD_KILLED:
+    if fault in (Fault.POD_KILLED, Fault.MASTER_KILLED):
         ended_s = time.time()
-        app.kill_pod("detector")
+        if fault is Fault.POD_KILLED:
+            app.kill_pod("detector")
+        else:
+            app.replace_master(("camera", "detector"))
         rows = wait_for_pictures(app, within_s=STARTED_S)
     else:
         detector_uid = app.uid_of("detector")

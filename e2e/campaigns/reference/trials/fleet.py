@@ -27,6 +27,9 @@ def try_fleet(app: RunningApp, trial: Trial, fault: Fault) -> None:
     if fault is Fault.POD_KILLED:
         ended_s = _replace_coordinator(app, trial)
         within_s = STARTED_S
+    elif fault is Fault.ROBOT_KILLED:
+        _replace_robot(app, trial)
+        return
     else:
         ended_s = _lose_robot(app, trial, fault)
         within_s = STARTED_S + trial.heals_within_s
@@ -49,6 +52,16 @@ def _replace_coordinator(app: RunningApp, trial: Trial) -> float:
     trial.figures["tasks_on_volume"] = list_done(app)[0]
     trial.demand(trial.figures["tasks_on_volume"] > 0, "the next coordinator finds what was done on its volume")
     return killed_s
+
+
+def _replace_robot(app: RunningApp, trial: Trial) -> None:
+    """Kills the pod of the last robot, whose task waits for the next one: by the coordinator's book each task is done once."""
+    killed_s = time.time()
+    app.kill_pod(ROBOTS[-1])
+    worked_s = app.wait_for(ROBOTS[-1], "did task", within_s=STARTED_S)
+    trial.figures["works_again_after_s"] = worked_s - killed_s
+    done_s = app.wait_for("coordinator", f"{TASKS} of {TASKS} tasks are done", within_s=STARTED_S)
+    trial.figures["all_done_after_s"] = done_s - killed_s
 
 
 def _lose_robot(app: RunningApp, trial: Trial, fault: Fault) -> float:

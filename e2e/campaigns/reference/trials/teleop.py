@@ -24,6 +24,10 @@ def try_teleop(app: RunningApp, trial: Trial, fault: Fault) -> None:
     trial.figures |= {"p50_ms": p50, "p95_ms": p95, "p99_ms": p99, "late_share": late / sent}
     if fault is Fault.POD_KILLED:
         _replace_operator(app, trial)
+    elif fault is Fault.MASTER_KILLED:
+        killed_s = time.time()
+        app.replace_master(("operator", "robot"))
+        _wait_for_new_operator(app, trial, killed_s)
     else:
         _cut_off(app, trial, fault)
     trial.demand(app.count_restarts() == 0, "no container is started again")
@@ -46,6 +50,10 @@ def _replace_operator(app: RunningApp, trial: Trial) -> None:
     app.kill_pod("operator")
     stopped_s = app.wait_for("robot", "stopped", after_s=killed_s, within_s=HEALS_S)
     trial.figures["stopped_after_s"] = stopped_s - killed_s
+    _wait_for_new_operator(app, trial, killed_s)
+
+
+def _wait_for_new_operator(app: RunningApp, trial: Trial, killed_s: float) -> None:
     wait_for_trips(app, TRIPS, within_s=STARTED_S)
     answered_s = next(at_s for at_s, summary in list_trips(app) if summary[1])
     trial.figures["answers_again_after_s"] = answered_s - killed_s

@@ -1,7 +1,7 @@
 """Trials of the reference applications: what is made of their logs, which fault is made, and what of it is a broken promise."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, cast
 
@@ -61,6 +61,12 @@ class ScriptedApp(RunningApp):
         self.lines[component] = []
         self.after()
 
+    def replace_master(self, components: Sequence[str]) -> None:
+        self.faults.append(("killed", "master"))
+        for component in components:
+            self.lines[component] = []
+        self.after()
+
     @contextmanager
     def cut_link(self, name: str, other_name: str) -> Iterator[None]:
         yield from self._break("cut", name, other_name)
@@ -112,7 +118,8 @@ def test_a_robot_that_stops_late_breaks_its_promise_and_keeps_its_figures() -> N
     assert trial.figures["stopped_after_s"] > STOPPED_S
 
 
-def test_a_new_operator_counts_anew() -> None:
+@pytest.mark.parametrize(("fault", "killed"), [(Fault.POD_KILLED, "operator"), (Fault.MASTER_KILLED, "master")])
+def test_a_new_operator_counts_anew(fault: Fault, killed: str) -> None:
     app = ScriptedApp("teleop")
     app.say("operator", summarise(160, 150))
 
@@ -121,8 +128,9 @@ def test_a_new_operator_counts_anew() -> None:
         app.say("operator", summarise(0, 0), summarise(110, 100), after_s=0.02)
 
     app.after = begin_anew
-    trial = run(app, Fault.POD_KILLED)
-    assert (trial.broken, app.faults) == ("", [("killed", "operator")])
+    trial = run(app, fault)
+    assert (trial.broken, app.faults) == ("", [("killed", killed)])
+    assert trial.figures["answers_again_after_s"] > 0
 
 
 def test_answers_up_to_a_moment_are_counted() -> None:
@@ -150,6 +158,21 @@ def test_others_of_the_fleet_go_on_while_a_robot_is_offline() -> None:
     assert app.faults == [("offline", FLEET[-1])]
     assert trial.figures["tasks_meanwhile"] == 50
     assert (trial.figures["tasks"], trial.figures["done_twice"]) == (60, 0)
+
+
+def test_a_robot_that_is_replaced_does_its_task_and_the_coordinator_counts_all() -> None:
+    app = ScriptedApp("fleet")
+    app.say("robot-1", *(f"robot_1 did task {task}" for task in range(1, 10)))
+    app.say("coordinator", "9 of 60 tasks are done")
+
+    def begin_anew() -> None:
+        app.say("robot-3", "robot_3 did task 60", after_s=0.5)
+        app.say("coordinator", "60 of 60 tasks are done", after_s=1.0)
+
+    app.after = begin_anew
+    trial = run(app, Fault.ROBOT_KILLED)
+    assert (trial.broken, app.faults) == ("", [("killed", "robot-3")])
+    assert 0 < trial.figures["works_again_after_s"] < trial.figures["all_done_after_s"]
 
 
 def test_a_task_that_is_done_twice_is_named() -> None:
@@ -197,7 +220,8 @@ def test_a_detector_that_misses_signs_breaks_its_promise(monkeypatch: pytest.Mon
     assert run(app, Fault.POD_KILLED).broken == "recall is at least 0.9, not 0.667"
 
 
-def test_a_robot_that_reaches_its_goal_after_its_planner_was_replaced() -> None:
+@pytest.mark.parametrize("fault", [Fault.POD_KILLED, Fault.MASTER_KILLED])
+def test_a_robot_reaches_its_goal_after_its_planner_or_its_master_was_replaced(fault: Fault) -> None:
     app = ScriptedApp("navigation")
     app.say("planner", *["a path of 12 points in 8 ms"] * 5)
 
@@ -206,7 +230,7 @@ def test_a_robot_that_reaches_its_goal_after_its_planner_was_replaced() -> None:
         app.say("planner", "reached the goal after 20.1 s and 9.5 m", after_s=20.0)
 
     app.after = begin_anew
-    trial = run(app, Fault.POD_KILLED)
+    trial = run(app, fault)
     assert not trial.broken
     assert trial.figures["way_m"] == 9.5
     assert 19 < trial.figures["reached_after_back_s"] < 21

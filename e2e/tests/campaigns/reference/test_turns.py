@@ -47,7 +47,9 @@ def test_a_fault_is_made_where_something_is_promised_of_it(fault: Fault) -> None
 
 
 def test_all_faults_are_each_applications_own_and_the_others() -> None:
-    assert [*choose_faults(SCENARIOS["teleop"], ALL)] == [Fault.LINK_CUT, Fault.ROBOT_OFFLINE, Fault.POD_KILLED]
+    faults = [Fault.LINK_CUT, Fault.ROBOT_OFFLINE, Fault.POD_KILLED]
+    assert [*choose_faults(SCENARIOS["teleop"], 2, ALL)] == faults
+    assert [*choose_faults(SCENARIOS["teleop"], 1, ALL)] == [*faults, Fault.MASTER_KILLED]
     assert TRIALS.keys() == SCENARIOS.keys()
     assert all(scenario.killed for scenario in EVERY if Fault.POD_KILLED in scenario.faults)
 
