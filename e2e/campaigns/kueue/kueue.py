@@ -171,10 +171,10 @@ def describe(outcome: Outcome) -> str:
     """Returns one line of an outcome."""
     drained = ", drained on the way" if outcome.is_drained else ""
     writes = ", ".join(f"{count} x {what}" for what, count in outcome.writes.items())
-    held = "".join(f"; NOT HELD: {problem}" for problem in outcome.problems)
+    problems = "".join(f"; NOT HELD: {problem}" for problem in outcome.problems)
     return (
         f"{outcome.shape}{drained}: {JOBS} Jobs of {CPUS} CPU, at most {outcome.most_at_once} at once, all done after"
-        f" {outcome.seconds:.0f} s with {outcome.pods} pods; writes of Jobs: {writes}{held}"
+        f" {outcome.seconds:.0f} s with {outcome.pods} pods; writes of Jobs: {writes}{problems}"
     )
 
 
