@@ -56,15 +56,25 @@ class EdgeSpec(Object, frozen=True, kw_only=True):
     latency: Latency | None = None
 
 
+class JobSpec(Object, frozen=True, kw_only=True):
+    """Of interest is only that there is one: the component's program ends."""
+
+
 class ComponentSpec(Object, frozen=True, kw_only=True):
     name: str = ""
+    job: JobSpec | None = None
     replicas: int = 1
     replica_identity: str = ""
+
+
+class MatrixSpec(Object, frozen=True, kw_only=True):
+    """Of interest is only that there is one: the app is a sweep."""
 
 
 class AppSpec(Object, frozen=True, kw_only=True):
     components: tuple[ComponentSpec, ...] = ()
     edges: tuple[EdgeSpec, ...] = ()
+    matrix: MatrixSpec | None = None
     suspend: bool = False
 
 
@@ -120,6 +130,7 @@ class ComponentStatus(Object, frozen=True, kw_only=True):
     name: str = ""
     node: str = ""
     ready: bool = False
+    completed: bool = False
     restarts: int = 0
     message: str = ""
 

@@ -37,6 +37,7 @@ class InstanceFacts:
 
     instance: Instance
     components: tuple[ComponentView, ...]
+    app_name: str = ""
     ending: Ending | None = None
     """Why it has ended: its jobs have completed or failed."""
     runs_change_at: datetime | None = None
