@@ -157,10 +157,8 @@ def plan(
         elif isinstance(over, Job):
             if must_replace(app, child, over, version=version) or must_delete(app, child, over, progress):
                 replaced.append(over)
-            elif (job_spec := _change_job(app, child, over, progress)) is not None:
-                changes.append(Change(child, over, job_spec))
-            elif records := settle_run(app, child, over, progress):
-                changes.append(Change(child, over, records=records))
+            elif (job_change := _change_job(app, child, over, progress)) is not None:
+                changes.append(job_change)
         elif in_place(child, over, settled):
             if not _has_records(child, over) and not written_by_newer(app, over, version):
                 changes.append(Change(child, over))
@@ -179,11 +177,9 @@ def plan(
     moved, still = _moved_servers(waiting, changes)
     held += [Held(change.child.ref.name, ours=version) for change in still]
     names = {child.ref for child in wanted}
-    unwanted = [
-        item
-        for ref, item in sorted(observed.items())
-        if ref not in names and _prunable(app, item) and not (wanted and is_last_record(item, progress))
-    ]
+    unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
+    if wanted:
+        unwanted = [item for item in unwanted if not is_last_record(item, progress)]
     deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]
     outlived = frozenset(item.metadata.uid for item in changed_kind)
     return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign), outlived)
@@ -199,14 +195,14 @@ def _has_changed_kind(app: App, item: Observed) -> bool:
     return is_job.get(item.metadata.labels.get(Label.COMPONENT, ""), isinstance(item, Job)) != isinstance(item, Job)
 
 
-def _change_job(app: App, child: Child, job: Job, progress: Progress) -> dict[str, Any] | None:
-    """Returns the spec to write over that of a Job, None for one that stays. One that has ended stays as it is."""
-    if job.verdict is not None:
-        return None
-    if progress.ending is None:
-        return amend_job(app, child, job, progress)
-    spec = end_at_once(job)
-    return None if spec == job.spec else spec
+def _change_job(app: App, child: Child, job: Job, progress: Progress) -> Change | None:
+    """Returns what to write over a Job, None for one that stays. The spec of one that has ended stays as it is."""
+    if job.verdict is None:
+        spec = amend_job(app, child, job, progress) if progress.ending is None else end_at_once(job)
+        if spec is not None and spec != job.spec:
+            return Change(child, job, spec)
+    records = settle_run(app, child, job, progress)
+    return Change(child, job, records=records) if records else None
 
 
 def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tuple[list[Change], list[Change]]:
