@@ -45,6 +45,18 @@ def test_an_app_of_jobs_alone_ends_with_them_and_one_with_others_runs_on_unless_
     assert rules_of(job, {**driver, "replicas": 0}) == CompletionRules(frozenset({"save"}))
 
 
+def test_a_component_with_schedule_runs_on_and_has_no_part_in_the_end_nor_in_the_deadline() -> None:
+    job, nightly = {"name": "save", "job": {}}, {"name": "upload", "job": {}, "schedule": {"cron": "@daily"}}
+    assert rules_of(nightly) is None
+    assert rules_of(job, nightly) is None
+    rules = rules_of(job, nightly, completion={"deadline": "1h"})
+    assert rules is not None
+    assert rules.jobs == {"save"}
+    waiting = JobState("2020-01-01T00:00:00Z", suspended=True, comes_back=True)
+    assert deadline_of(rules, {"save": RUNNING, "upload": waiting}) == datetime(2026, 1, 1, 1, tzinfo=UTC)
+    assert deadline_of(rules, {"upload": waiting}) is None
+
+
 def test_success_names_jobs_and_each_replica_with_an_ordinal_is_one() -> None:
     run = {"name": "run", "job": {}, "replicas": 2, "replicaIdentity": "Ordinal"}
     success = {"operator": "Any", "components": ["run"]}
