@@ -16,8 +16,8 @@ from typing import Final, NamedTuple, TypeVar
 from msgspec.structs import replace
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.completion.endings import JobState, read_job_state
 from robotapp_claims.rules.identity import domain_literal
-from robotapp_claims.rules.instances import JobState, read_job_state
 from robotapp_claims.rules.objects import (
     ROS_DOMAIN_ID,
     Claim,

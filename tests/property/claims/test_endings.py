@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotapp_api.model.names import Reason
-from robotapp_claims.rules.instances import CompletionRules, JobState, find_ending
+from robotapp_claims.rules.completion.endings import CompletionRules, JobState, find_ending
 
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 NAMES = ("a", "b", "c", "d")

@@ -14,7 +14,7 @@ import msgspec
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
 from robotapp_api.values.sweeps.matrix import choose_admitted
-from robotapp_claims.rules.instances import Ending, deadline_of, find_ending
+from robotapp_claims.rules.completion.endings import Ending, deadline_of, find_ending
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
 from robotapp_operator.plan.diff.unowned import domain_literals

@@ -28,7 +28,7 @@ from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.references import Values, reference_values
 from robotapp_api.values.replicas import NumberedReplica, find_replicas
 from robotapp_api.values.sweeps.matrix import MatrixInstance, expand_matrix, list_variables
-from robotapp_claims.rules.instances import CompletionRules, completion_rules_of
+from robotapp_claims.rules.completion.endings import CompletionRules, completion_rules_of
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.covers import content_hash

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
-from robotapp_claims.rules.instances import Ending
+from robotapp_claims.rules.completion.endings import Ending
 from robotapp_operator.plan.spec.objects import (
     ContainerStatus,
     Deployment,

@@ -4,7 +4,8 @@ import dataclasses
 from collections.abc import Mapping
 
 from robotapp_api.model.names import Reason
-from robotapp_claims.rules.instances import Ending, Instance
+from robotapp_claims.rules.completion.endings import Ending
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.links import LinkView

@@ -10,7 +10,7 @@ from robotapp_api.model.names import ROBOT_END, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUpEdge
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import format_us, time_text
-from robotapp_claims.rules.instances import Ending
+from robotapp_claims.rules.completion.endings import Ending
 from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.spec.text import clip, count, shown

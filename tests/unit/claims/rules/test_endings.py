@@ -8,7 +8,7 @@ import pytest
 from tests.support.claims import objects as make
 
 from robotapp_api.model.names import Reason
-from robotapp_claims.rules.instances import (
+from robotapp_claims.rules.completion.endings import (
     CompletionRules,
     JobState,
     completion_rules_of,

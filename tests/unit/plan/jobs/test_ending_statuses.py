@@ -9,7 +9,7 @@ from tests.support.factories import component, make_app, make_deployment, make_p
 from tests.unit.plan.status.test_status import UP, condition, instance, message, status_of
 
 from robotapp_api.model.names import Condition, EventReason, Phase, Reason
-from robotapp_claims.rules.instances import Ending
+from robotapp_claims.rules.completion.endings import Ending
 from robotapp_operator.plan.spec.objects import Job, Pod
 from robotapp_operator.plan.status.components import ComponentView, component_view, job_view
 from robotapp_operator.plan.status.events import events_between
