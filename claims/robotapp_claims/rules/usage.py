@@ -263,7 +263,7 @@ def owner_as_used(owner: Owner) -> Owner:
         metadata=_with(
             owner.metadata,
             labels=(Label.APP_UID, Label.INSTANCE, Label.COMPONENT),
-            annotations=(Annotation.APP_GENERATION,),
+            annotations=(Annotation.APP_GENERATION, Annotation.ATTEMPT, Annotation.RESTARTS, Annotation.BEGAN),
         ),
         spec=replace(owner.spec, template=kept),
     )

@@ -1,9 +1,11 @@
-"""When an instance has ended, so that nothing of it runs any more and it wants no domain: a rule over the states of its Jobs.
+"""When an instance has ended, so that nothing of it runs any more and it wants no domain, and when it is started again before
+that: rules over the states of its Jobs.
 
-One rule for the operator, which reads caches, and the sweep, which reads afresh.
+The operator, which reads caches, and the sweep, which reads afresh, apply the same ones. So both are decided by the Jobs
+alone: an instance whose domain one of them gives back must not be started again by the other.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple
 
@@ -20,6 +22,8 @@ from robotapp_claims.rules.objects import (
 )
 
 LONGEST_DEADLINE: Final = timedelta(days=3650)
+_MOST_DIGITS: Final = 9
+_YEARS: Final = range(1970, 9000)
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
 """So much earlier than by the clock of the operator a Job may end by that of the Job controller."""
 
@@ -33,6 +37,8 @@ class CompletionRules(NamedTuple):
     """How long they may take together."""
     generation: int = 0
     """That of the app."""
+    max_restarts: int = 0
+    """How many times all jobs run again when a job has failed."""
 
 
 class JobState(NamedTuple):
@@ -49,6 +55,12 @@ class JobState(NamedTuple):
     """When it was started last; "" before that."""
     suspended: bool = False
     """Whether it waits, because its app is suspended or its queue has not admitted it."""
+    attempt: int = 0
+    """Which start of all jobs of the instance it belongs to; a later one has a larger number."""
+    restarts: int = 0
+    """How many of the allowed restarts the instance had used when it was created."""
+    began: str = ""
+    """From when the deadline of the instance counts, where an earlier attempt has used some of that time."""
 
 
 class Ending(NamedTuple):
@@ -62,6 +74,13 @@ class Ending(NamedTuple):
     @property
     def is_success(self) -> bool:
         return self.reason is Reason.COMPLETED
+
+
+class Failure(NamedTuple):
+    """Why the instance is to be started again: the job that has failed, and the word of the Job controller for it."""
+
+    component: str
+    reason: str = ""
 
 
 def completion_rules_of(app: App) -> CompletionRules | None:
@@ -83,6 +102,7 @@ def completion_rules_of(app: App) -> CompletionRules | None:
         any_suffices=success.operator == "Any",
         deadline=_read_deadline(spec.completion.deadline),
         generation=app.metadata.generation,
+        max_restarts=spec.completion.max_restarts,
     )
 
 
@@ -116,20 +136,55 @@ def build_job_state(
 ) -> JobState:
     """Returns what a Job has come to by its fields, however they were decoded. suspended: `spec.suspend`."""
     conditions = tuple(conditions)
-    generation, verdict = annotations.get(Annotation.APP_GENERATION, ""), find_verdict(conditions)
+    verdict = find_verdict(conditions)
+    began = annotations.get(Annotation.BEGAN, "")
     return JobState(
         created=created or "",
-        generation=int(generation) if generation.isdecimal() else 0,
+        generation=read_number(annotations, Annotation.APP_GENERATION),
         verdict=verdict.type if verdict else "",
         ended=(verdict.last_transition_time or "") if verdict else "",
         reason=verdict.reason if verdict else "",
         started=started or "",
         suspended=suspended or is_stopped(conditions),
+        attempt=read_number(annotations, Annotation.ATTEMPT),
+        restarts=read_number(annotations, Annotation.RESTARTS),
+        began=began if _is_time(began) else "",
     )
 
 
+def read_number(annotations: Mapping[str, str], key: Annotation) -> int:
+    """Returns the number in an annotation; 0 without one, and for anything else, which people may write there."""
+    text = annotations.get(key, "")
+    return int(text) if text.isascii() and text.isdecimal() and len(text) <= _MOST_DIGITS else 0
+
+
+def _is_time(text: str) -> bool:
+    """Returns whether the text is a time with which one can calculate: people may write any into an annotation."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        return False
+    return moment.tzinfo is not None and moment.year in _YEARS
+
+
 def find_ending(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: datetime) -> Ending | None:
-    """Returns why the instance has ended, None while it has not. jobs: by component; one that is not created yet has none."""
+    """Returns why the instance has ended, None while it has not, and while it is to be started again.
+
+    jobs: by component; one that is not created yet has none.
+    """
+    outcome = _find_outcome(rules, jobs, now=now)
+    return outcome if isinstance(outcome, Ending) else None
+
+
+def find_failure(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: datetime) -> Failure | None:
+    """Returns why all jobs of the instance are to run again, None where they are not."""
+    outcome = _find_outcome(rules, jobs, now=now)
+    return outcome if isinstance(outcome, Failure) else None
+
+
+def _find_outcome(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: datetime) -> Ending | Failure | None:
+    """Returns what the jobs of the latest attempt have decided. Those of an earlier one are about to be replaced."""
+    jobs = select_latest(jobs)
     counting = {name: jobs[name] for name in sorted(rules.jobs & jobs.keys())}
     complete = {name: job.ended for name, job in counting.items() if job.verdict == COMPLETE}
     failed = {name: job.ended for name, job in counting.items() if job.verdict not in ("", COMPLETE)}
@@ -141,12 +196,26 @@ def find_ending(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: da
         first = min(failed, key=lambda name: failed[name])
         if end is not None and _ran_out_of_time(jobs[first], end):
             return _end_by_deadline(end)
-        return Ending(Reason.JOB_FAILED, first, failed[first])
+        if count_restarts(jobs) >= rules.max_restarts:
+            return Ending(Reason.JOB_FAILED, first, failed[first])
+        if end is None or now < end:
+            return Failure(first, jobs[first].reason)
     return None if end is None or now < end else _end_by_deadline(end)
 
 
+def select_latest(jobs: Mapping[str, JobState]) -> dict[str, JobState]:
+    """Returns the jobs of the latest attempt by component."""
+    latest = max((job.attempt for job in jobs.values()), default=0)
+    return {name: job for name, job in jobs.items() if job.attempt == latest}
+
+
+def count_restarts(jobs: Mapping[str, JobState]) -> int:
+    """Returns how many of the allowed restarts are used up. A job that was edited begins anew, and its instance with it."""
+    return min((job.restarts for job in select_latest(jobs).values()), default=0)
+
+
 def _end_by_deadline(end: datetime) -> Ending:
-    return Ending(Reason.DEADLINE_EXCEEDED, time=end.isoformat(timespec="seconds").replace("+00:00", "Z"))
+    return Ending(Reason.DEADLINE_EXCEEDED, time=_write_time(end))
 
 
 def _ran_out_of_time(job: JobState, end: datetime) -> bool:
@@ -154,19 +223,39 @@ def _ran_out_of_time(job: JobState, end: datetime) -> bool:
     return job.reason == OUT_OF_TIME and _parse_time(job.ended) + _CLOCK_DIFFERENCE >= end
 
 
-def deadline_of(rules: CompletionRules, jobs: Mapping[str, JobState]) -> datetime | None:
+def deadline_of(rules: CompletionRules, jobs: Mapping[str, JobState], *, began: str = "") -> datetime | None:
     """Returns when the instance's time is over; None without a deadline or a job, and while a job is suspended or waits in a queue.
 
     An edit of the app begins it anew with the next job that is made: what the jobs before took may be longer than the deadline.
+    began: from when it counts where all jobs are about to run again and none is there.
     """
-    if rules.deadline is None or not jobs:
+    if rules.deadline is None:
         return None
-    latest = max(job.generation for job in jobs.values())
-    newest = [job for job in jobs.values() if job.generation == latest]
-    is_edited = rules.generation > latest and not rules.jobs <= jobs.keys()
+    if not jobs:
+        return _parse_time(began) + rules.deadline if began else None
+    newest = _list_newest(jobs)
+    is_edited = rules.generation > newest[0].generation and not rules.jobs <= jobs.keys()
     if is_edited or any(job.suspended and not job.verdict for job in newest):
         return None
-    return min(_parse_time(job.created) for job in newest) + _measure_waits(newest) + rules.deadline
+    return _find_beginning(newest) + rules.deadline
+
+
+def find_beginning(jobs: Mapping[str, JobState]) -> str:
+    """Returns from when the deadline counts for the next attempt: since the first job, without the time in which jobs waited."""
+    newest = _list_newest(jobs)
+    return _write_time(_find_beginning(newest)) if newest else ""
+
+
+def _list_newest(jobs: Mapping[str, JobState]) -> list[JobState]:
+    """Returns the jobs that were made for the newest generation of the app."""
+    latest = max((job.generation for job in jobs.values()), default=0)
+    return [job for job in jobs.values() if job.generation == latest]
+
+
+def _find_beginning(jobs: Sequence[JobState]) -> datetime:
+    # A job began when it was created, or in an earlier attempt: what is later was not written by us.
+    first = min(min(_parse_time(job.created), _parse_time(job.began or job.created)) for job in jobs)
+    return first + _measure_waits(jobs)
 
 
 def _measure_waits(jobs: Iterable[JobState]) -> timedelta:
@@ -180,3 +269,7 @@ def _measure_waits(jobs: Iterable[JobState]) -> timedelta:
 
 def _parse_time(text: str) -> datetime:
     return datetime.fromisoformat(text or "1970-01-01T00:00:00Z")
+
+
+def _write_time(moment: datetime) -> str:
+    return moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
