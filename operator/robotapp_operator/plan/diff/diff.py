@@ -83,7 +83,14 @@ def wanted_children(
     A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
     if progress.ending is not None:
-        jobs = component_jobs(desired, domain=domain, parameters=parameters, running=True, ended=progress.ended)
+        jobs = component_jobs(
+            desired,
+            domain=domain,
+            parameters=parameters,
+            running=True,
+            ended=progress.ended,
+            annotations=progress.attempt.annotations,
+        )
         return [child for child in jobs if child.component in progress.jobs]
     if desired.app.ros_version == 2 and domain is None:
         return []
@@ -92,7 +99,11 @@ def wanted_children(
         children.append(peers_service(desired))
     children += replicas_services(desired) + component_services(desired)
     waiting = unmet_dependencies(
-        desired.app, (item for item in observed.values() if isinstance(item, Deployment)), pods, progress.jobs
+        desired.app,
+        (item for item in observed.values() if isinstance(item, Deployment)),
+        pods,
+        progress.jobs,
+        attempt=progress.attempt.number,
     )
     deployments = component_deployments(
         desired,
@@ -102,6 +113,7 @@ def wanted_children(
         master_starts=master_starts,
         waiting=waiting.keys(),
         claiming=claiming,
+        attempt=progress.attempt.annotations.get(Annotation.ATTEMPT, ""),
     )
     jobs = component_jobs(
         desired,
@@ -111,6 +123,7 @@ def wanted_children(
         waiting=waiting.keys(),
         ended=progress.ended,
         claiming=claiming,
+        annotations=progress.attempt.annotations,
     )
     new_jobs = {child.ref for child in jobs} - observed.keys()
     jobs = [limit_time(child, progress) if child.ref in new_jobs else child for child in jobs]

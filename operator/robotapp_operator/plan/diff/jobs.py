@@ -14,8 +14,9 @@ import msgspec
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
 from robotapp_api.values.sweeps.matrix import choose_admitted
-from robotapp_claims.rules.completion.endings import Ending, deadline_of, find_ending
+from robotapp_claims.rules.completion.endings import Ending, deadline_of, find_ending, find_failure, read_number
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
+from robotapp_operator.plan.diff.attempts import FIRST, Attempt, find_attempt, plan_next_attempt
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
 from robotapp_operator.plan.diff.unowned import domain_literals
 from robotapp_operator.plan.render.child import Child
@@ -35,13 +36,17 @@ class Progress(NamedTuple):
     """How far the jobs of an instance are."""
 
     jobs: Mapping[str, Job] = {}
-    """Those of today's spec, by component."""
+    """Those of today's spec and of the present attempt, by component."""
     ending: Ending | None = None
     """Why the instance has ended, None while it has not."""
     deadline: datetime | None = None
     """When it will end at the latest."""
     left_s: int | None = None
     """Seconds that a Job which is created now may take, None without a deadline."""
+    attempt: Attempt = FIRST
+    """The present attempt; Jobs of earlier ones are replaced."""
+    next_attempt: Attempt | None = None
+    """The attempt that is to follow, because a job has failed; to be recorded before anything else is done about it."""
 
     @property
     def ended(self) -> frozenset[str]:
@@ -64,18 +69,30 @@ def is_edited(app: App, component: str, job: Job) -> bool:
     return job.metadata.annotations.get(Annotation.RUN_HASH) != app.run_hashes[component]
 
 
-def judge_progress(app: App, observed: Iterable[object], *, now: datetime) -> Progress:
-    """Returns how far the jobs of an instance are."""
+def judge_progress(app: App, observed: Iterable[object], *, now: datetime, status: Mapping[str, Any] = {}) -> Progress:
+    """Returns how far the jobs of an instance are. status: that of its RobotAppInstance, which has the record of its attempts."""
     if not app.has_jobs:
         return NO_JOBS
     jobs, rules = current_jobs(app, observed), app.completion_rules
     if rules is None:
         return Progress(jobs)
     states = {name: job.state for name, job in jobs.items()}
-    deadline = deadline_of(rules, states)
+    ending = find_ending(rules, states, now=now)
+    attempt = find_attempt(states, status if rules.max_restarts else {}, run_hash=app.runs_hash, ending=ending)
+    states = {name: state for name, state in states.items() if state.attempt >= attempt.number}
+    jobs = {name: jobs[name] for name in states}
+    failure = find_failure(rules, states, now=now)
+    deadline = deadline_of(rules, states, began=attempt.began)
     left = deadline - now if deadline is not None else rules.deadline
     left_s = max(_AT_ONCE, math.ceil(left.total_seconds())) if left is not None else None
-    return Progress(jobs, find_ending(rules, states, now=now), deadline, left_s)
+    return Progress(
+        jobs,
+        ending,
+        deadline,
+        left_s,
+        attempt,
+        plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts) if failure else None,
+    )
 
 
 def list_admitted(app: App, jobs: Mapping[str, Iterable[Job]], running: Collection[str]) -> frozenset[str]:
@@ -120,11 +137,13 @@ def is_queued(app: App, job: Job) -> bool:
 
 
 def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
-    """Whether another Job has to take the place of this one.
+    """Whether another Job has to take the place of this one: that of a later attempt in any case.
 
     Of one that may still run also where it names another domain than its instance has, since its pods would never be bound, or
     where somebody has changed who binds them. What a newer operator made for this very spec stands.
     """
+    if job.state.attempt < read_number(child.annotations, Annotation.ATTEMPT):
+        return True
     writer, marked = (
         job.metadata.annotations.get(key, "") for key in (Annotation.RENDERED_BY, Annotation.APP_GENERATION)
     )

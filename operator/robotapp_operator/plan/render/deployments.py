@@ -1,5 +1,6 @@
 """One Deployment per component per instance, or one Job for a component that ends."""
 
+import dataclasses
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -22,9 +23,11 @@ def component_deployments(
     master_starts: Mapping[str, str] = {},
     waiting: Collection[str] = (),
     claiming: Collection[str] = (),
+    attempt: str = "",
 ) -> list[Child]:
     """`running` False: no pods (suspended, or no domain to be had), everything else stays. master_starts: by component.
     waiting: components without pods so far. claiming: components whose devices come by a ResourceClaim.
+    attempt: number of the instance's, "" for the first one. With another one all pods start anew.
     """
     children = []
     for component in desired.app.spec.components:
@@ -32,7 +35,9 @@ def component_deployments(
             continue
         state, starts = parameters.get(component.name, NONE), master_starts.get(component.name, "")
         by_claim = component.name in claiming
-        template = pod_template(component, desired, domain=domain, state=state, master_starts=starts, by_claim=by_claim)
+        template = pod_template(
+            component, desired, domain=domain, state=state, master_starts=starts, attempt=attempt, by_claim=by_claim
+        )
         if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.name not in waiting
@@ -49,21 +54,27 @@ def component_jobs(
     waiting: Collection[str] = (),
     ended: Collection[str] = (),
     claiming: Collection[str] = (),
+    annotations: Mapping[str, str] = {},
 ) -> list[Child]:
-    """Returns the Jobs of the components that end. ended: those whose job has ended, so that it needs no device any more."""
+    """Returns the Jobs of the components that end. ended: those whose job has ended, so that it needs no device any more.
+
+    annotations: those by which Jobs of another attempt than the first one are known.
+    """
+    attempt = annotations.get(Annotation.ATTEMPT, "")
     children = []
     for component in desired.app.spec.components:
         if component.job is None:
             continue
         by_claim = component.name in claiming and component.name not in ended
         state = parameters.get(component.name, NONE)
-        template = pod_template(component, desired, domain=domain, state=state, by_claim=by_claim)
+        template = pod_template(component, desired, domain=domain, state=state, attempt=attempt, by_claim=by_claim)
         if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.replicas > 0 and component.name not in {*waiting, *ended}
         if desired.app.queue and not is_running and component.name not in ended:
             continue  # kueue would resume a Job that we suspend: one that must not run is deleted
-        children.append(_job(component, desired, component.job, template, running=is_running))
+        child = _job(component, desired, component.job, template, running=is_running)
+        children.append(dataclasses.replace(child, annotations={**child.annotations, **annotations}))
     return children
 
 

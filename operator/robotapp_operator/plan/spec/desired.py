@@ -235,6 +235,16 @@ class App:
             if part.job is not None
         }
 
+    @functools.cached_property
+    def runs_hash(self) -> str:
+        """Hash of what the user wrote about the runs of all components with job."""
+        return content_hash(dict(self.run_hashes))
+
+    @property
+    def max_restarts(self) -> int:
+        """How many times an instance is started again when a job has failed."""
+        return self.completion_rules.max_restarts if self.completion_rules else 0
+
     @property
     def edges_in_use(self) -> tuple[Edge, ...]:
         """The edges without those that have an end in a suspended component."""

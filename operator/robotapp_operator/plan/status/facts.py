@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.completion.endings import Ending
 from robotapp_claims.rules.instances import Instance
+from robotapp_operator.plan.diff.attempts import FIRST, Attempt
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.links import LinkView
@@ -39,6 +40,8 @@ class InstanceFacts:
     components: tuple[ComponentView, ...]
     ending: Ending | None = None
     """Why it has ended: its jobs have completed or failed."""
+    attempt: Attempt = FIRST
+    """How often it was started again, and why."""
     edges: tuple[EdgeView, ...] = ()
     domain: int | None = None
     needs_domain: bool = True

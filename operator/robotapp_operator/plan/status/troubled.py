@@ -117,7 +117,8 @@ def explain_ending(instance: InstanceFacts, ending: Ending) -> str:
     """Returns why an instance has failed, and what to do."""
     part = next((each for each in instance.components if each.name == ending.component), None)
     if part is not None:
-        return f"{part.name}: {part.message}"
+        restarts = instance.attempt.restarts
+        return f"{part.name}: {part.message}{f'; restarts before: {restarts}' if restarts else ''}"
     return (
         f"its jobs had not completed at {ending.time}, when their time was over (spec.completion.deadline): write a longer one, and "
         "edit or delete (kubectl delete job NAME) the jobs that are to run again"
