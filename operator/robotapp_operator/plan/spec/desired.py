@@ -7,7 +7,7 @@ once, so that rendering, status and `render` agree.
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -246,6 +246,12 @@ class App:
         return self.completion_rules.max_restarts if self.completion_rules else 0
 
     @property
+    def ttl(self) -> timedelta | None:
+        """`completion.ttl`: how long after its end the app is deleted, None for never."""
+        ttl = self.spec.completion.ttl if self.spec.completion else None
+        return timedelta(seconds=min(_seconds(ttl), LONGEST_S)) if ttl is not None else None
+
+    @property
     def edges_in_use(self) -> tuple[Edge, ...]:
         """The edges without those that have an end in a suspended component."""
         suspended = {component.name for component in self.spec.components if component.replicas == 0}
@@ -446,6 +452,13 @@ class Desired:
             names = (name for name in self.peer_names if not name.startswith(f"{component}."))
             return tuple(name for name in names if name not in ended)
         return ()
+
+
+def find_deletion_time(app: App, completion_time: str) -> datetime | None:
+    """Returns when an app is deleted that has ended then, None where it is not. completion_time: RFC 3339, "" before the end."""
+    if app.ttl is None or not completion_time:
+        return None
+    return datetime.fromisoformat(completion_time).astimezone(UTC) + app.ttl
 
 
 def _seconds(duration: str) -> float:

@@ -181,6 +181,13 @@ class AppFacts:
         return bool(self.instances) and all(instance.ending is not None for instance in self.instances)
 
     @property
+    def completion_time(self) -> str:
+        """When the last of its instances ended; "" while one has not, and for an app that is refused or suspended."""
+        if self.problems or self.app.suspended or not self.ended:
+            return ""
+        return max(instance.ending.time for instance in self.instances if instance.ending)
+
+    @property
     def refused(self) -> bool:
         """Is the spec itself wrong, whatever nodes and pools there are?"""
         return any(not problem.of_cluster for problem in self.problems)

@@ -38,15 +38,8 @@ def render_status(facts: AppFacts) -> dict[str, Any]:
         "instanceCounts": _counts(facts),
         "troubled": troubled(facts),
         "summary": _summary(facts),
-        **written(completionTime=find_completion_time(facts)),
+        **written(completionTime=facts.completion_time),
     }
-
-
-def find_completion_time(facts: AppFacts) -> str | None:
-    """Returns when the last instance ended, None while one has not, and for an app that is refused or suspended."""
-    if facts.problems or facts.app.suspended or not facts.ended:
-        return None
-    return max(instance.ending.time for instance in facts.instances if instance.ending)
 
 
 def same_status(wanted: dict[str, Any], have: Any) -> bool:
