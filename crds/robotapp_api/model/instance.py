@@ -1,4 +1,4 @@
-"""RobotAppInstance: what the operator observed of one instance of an app. Nothing is decided from it but how often its jobs may run again."""
+"""RobotAppInstance: what the operator observed of one instance of an app. Only restarts of its jobs are counted by it."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -186,7 +186,7 @@ class InstanceStatus(Observed):
 
 class RobotAppInstance(Model):
     """What runs of one instance of a RobotApp: its components, edges, claims and conditions. The operator writes it, and
-    writes it again when it was deleted; nothing is decided from it but how often its jobs may run again.
+    writes it again when it was deleted; only restarts of its jobs are counted by it.
     """
 
     CRD: ClassVar = Kind(
