@@ -20,7 +20,7 @@ from robotapp_claims.rules.completion.endings import (
     read_job_state,
 )
 from robotapp_claims.rules.objects import App, JobCondition, JobSpec
-from robotapp_claims.rules.usage import usage_of
+from robotapp_claims.rules.usage import owner_as_used, usage_of
 
 START = "2026-01-01T00:00:00Z"
 NOW = datetime(2026, 1, 1, 0, 1, tzinfo=UTC)
@@ -226,3 +226,16 @@ def test_a_job_that_only_claims_to_be_an_apps_counts_for_nothing() -> None:
     usage = usage_of(jobs=[forged])
     assert not usage.jobs
     assert not usage.owned
+
+
+def test_a_sweep_reads_the_attempt_of_a_job_and_not_of_one_that_is_being_deleted() -> None:
+    job = make.job(7, of=make.labels("uid-1"), verdict="Failed")
+    marks = {str(Annotation.ATTEMPT): "2", str(Annotation.RESTARTS): "1", str(Annotation.BEGAN): START}
+    meta = msgspec.structs.replace(job.metadata, annotations={**job.metadata.annotations, **marks})
+    marked = owner_as_used(msgspec.structs.replace(job, metadata=meta))
+    ((state,),) = (states.values() for states in usage_of(jobs=[marked]).jobs.values())
+    assert (state.attempt, state.restarts, state.began) == (2, 1, START)
+    going = msgspec.structs.replace(job, metadata=msgspec.structs.replace(meta, deletion_timestamp=START))
+    usage = usage_of(jobs=[going])
+    assert list(usage.jobs.values()) == [{}]
+    assert usage.named_by_instance("team", "uid-1") == {"": frozenset()}
