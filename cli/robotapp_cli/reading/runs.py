@@ -93,7 +93,7 @@ class Run:
 
     @property
     def restarts(self) -> int:
-        """How often it was started again because a job had failed (completion.maxRestarts)."""
+        """Returns how often it was started again because a job had failed (completion.maxRestarts)."""
         return int((self.instance.observed.get("restarts") or {}).get("count") or 0)
 
     @property

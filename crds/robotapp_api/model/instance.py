@@ -137,7 +137,7 @@ class InstanceSummary(Observed):
 
 
 class Restarts(Observed):
-    """How often an instance was started again because a job had failed (completion.maxRestarts)."""
+    """Restarts of an instance because a job had failed (completion.maxRestarts)."""
 
     count: Count = 0
     """How many of completion.maxRestarts are used."""

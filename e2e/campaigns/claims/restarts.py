@@ -79,7 +79,9 @@ class NothingRecorded(RestartRules):
 
 
 class RestartModel:
-    """operators: programs that write side by side. counts: whether starts are counted, which makes states many."""
+    """An instance, the programs that look after it and the sweep. operators: how many write side by side. counts: whether starts
+    are counted, which makes states many.
+    """
 
     def __init__(
         self,
@@ -102,8 +104,8 @@ class RestartModel:
         yield from self._cluster(s)
         for k, write in enumerate(s.operators):
             if write == IDLE:
-                for decided in self._decide(s):
-                    yield f"O decides {decided}", True, s._replace(operators=_put(s.operators, k, decided))
+                for choice in self._decide(s):
+                    yield f"O decides {choice}", True, s._replace(operators=_put(s.operators, k, choice))
             else:
                 idle = s._replace(operators=_put(s.operators, k, IDLE))
                 yield "O dies", False, idle
@@ -123,7 +125,7 @@ class RestartModel:
         return not busy and s.claim == FREE and self.rules.has_ended(self._states(s))
 
     def _states(self, s: State) -> dict[str, JobState]:
-        """What operator and sweep read of the Jobs: both leave out those that are being deleted."""
+        """Returns what operator and sweep read of the Jobs: both leave out those that are being deleted."""
         return {
             name: JobState(CREATED, verdict=job.verdict, ended=CREATED, attempt=job.attempt, restarts=job.restarts)
             for name, job in zip(self.names, s.jobs, strict=True)
@@ -143,7 +145,7 @@ class RestartModel:
                     yield f"job {i} of attempt {job.attempt}: {verdict}", True, s._replace(jobs=jobs)
 
     def _decide(self, s: State) -> Iterator[tuple[Any, ...]]:
-        """What an operator may write next, by all that it reads now."""
+        """Yields what an operator may write next, by all that it reads now."""
         rules, states = self.rules.completion, self._states(s)
         ending = find_ending(rules, states, now=_NOW)
         if ending is not None:
@@ -153,11 +155,11 @@ class RestartModel:
         present = {name: job for name, job in states.items() if job.attempt >= attempt.number}
         failure = find_failure(rules, present, now=_NOW)
         if failure is not None:
-            following = plan_next_attempt(present, attempt, failure, max_restarts=rules.max_restarts)
+            next_attempt = plan_next_attempt(present, attempt, failure, max_restarts=rules.max_restarts)
             if self.rules.records_first:
-                yield ("record", s.record, (following.number, following.restarts))
+                yield ("record", s.record, (next_attempt.number, next_attempt.restarts))
                 return
-            attempt = following
+            attempt = next_attempt
         for i, job in enumerate(s.jobs):
             if job is not None and not job.deleting and job.attempt < attempt.number:
                 yield ("delete", i, job.attempt)
@@ -168,21 +170,21 @@ class RestartModel:
 
     def _write(self, s: State, write: tuple[Any, ...]) -> State:
         """Carries a write out on what is there by then; one whose condition no longer holds is refused."""
-        what, *values = write
-        if what == "record":
+        verb, *values = write
+        if verb == "record":
             before, after = values
             return s._replace(record=after) if s.record == before else s
-        if what == "claim":  # made, or taken back from a sweep, whose next write is refused then
+        if verb == "claim":  # made, or taken back from a sweep, whose next write is refused then
             return s._replace(claim=RESERVED, sweeper=IDLE)
         i = values[0]
         job = s.jobs[i]
-        if what == "delete":
+        if verb == "delete":
             is_same = job is not None and job.attempt == values[1]
             return s._replace(jobs=_put(s.jobs, i, job._replace(deleting=True))) if job and is_same else s
         if job is not None:
             return s
-        created = Job(values[1], values[2])
-        return s._replace(jobs=_put(s.jobs, i, created), starts=s.starts + int(self.counts))
+        new_job = Job(values[1], values[2])
+        return s._replace(jobs=_put(s.jobs, i, new_job), starts=s.starts + int(self.counts))
 
     def _sweep(self, s: State) -> Iterator[Move]:
         """Reads the claim, then the Jobs; drains, and after a rest deletes, a claim that is unused and unwanted."""
@@ -200,8 +202,8 @@ class RestartModel:
         if phase != s.claim:
             yield "S refused", True, s._replace(sweeper=IDLE)
             return
-        following = DRAINING if phase == RESERVED else FREE
-        yield f"S writes the claim: {following}", True, s._replace(claim=following, sweeper=IDLE)
+        next_phase = DRAINING if phase == RESERVED else FREE
+        yield f"S writes the claim: {next_phase}", True, s._replace(claim=next_phase, sweeper=IDLE)
 
 
 def _put(items: tuple[Any, ...], index: int, value: Any) -> tuple[Any, ...]:

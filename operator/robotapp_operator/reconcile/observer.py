@@ -181,7 +181,7 @@ class Observer:
         return sorted({claim.spec.device.node for claim in held if claim.spec.device} & self._cache.telemetry.keys())
 
     def _attempts(self, app: App, instance: Instance) -> tuple[object, ...]:
-        """What its RobotAppInstance records about attempts of its jobs."""
+        """Returns what its RobotAppInstance records about attempts of its jobs."""
         status = instance_status(app, instance.robot, self._cache)
         return (read_attempt(status), COMPLETION_TIME in status)
 

@@ -38,11 +38,11 @@ class Instance:
 
     def operate(self, writes: int) -> bool:
         """Goes on for so many writes; whether any was made."""
-        made = 0
+        writes_made = 0
         following = self.judge().next_attempt
         if following is not None:
             self.status = {RECORD: render_attempt(following)}
-            made += 1
+            writes_made += 1
         progress = self.judge()
         assert progress.next_attempt is None
         wanted = wanted_children(
@@ -55,14 +55,14 @@ class Instance:
         )
         result = plan(self.app, wanted, self.jobs, version=VERSION, settled={}, progress=progress)
         for item in result.deletes:
-            if made < writes and isinstance(item, Job):
+            if writes_made < writes and isinstance(item, Job):
                 self.put(item, deletion_timestamp=AT)
-                made += 1
+                writes_made += 1
         for change in result.changes:
-            if made < writes and change.child.ref.kind == JOB and change.over is None:
+            if writes_made < writes and change.child.ref.kind == JOB and change.over is None:
                 self.create(change.child)
-                made += 1
-        return bool(made)
+                writes_made += 1
+        return bool(writes_made)
 
     def create(self, child: Child) -> None:
         assert not self.ended, "nothing starts an instance whose domain was given back"

@@ -1,5 +1,5 @@
-"""When an instance has ended, so that nothing of it runs any more and it wants no domain, and when it is started again before
-that: rules over the states of its Jobs.
+"""Rules over the states of Jobs: when their instance has ended, so that nothing of it runs any more and it wants no domain, and
+when it is started again before that.
 
 The operator, which reads caches, and the sweep, which reads afresh, apply the same ones. So both are decided by the Jobs
 alone: an instance whose domain one of them gives back must not be started again by the other.
@@ -77,7 +77,7 @@ class Ending(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """Why the instance is to be started again: the job that has failed, and the word of the Job controller for it."""
+    """A failed job because of which the instance is to be started again, and the word of the Job controller for it."""
 
     component: str
     reason: str = ""
@@ -186,18 +186,18 @@ def _find_outcome(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: 
     """Returns what the jobs of the latest attempt have decided. Those of an earlier one are about to be replaced."""
     jobs = select_latest(jobs)
     counting = {name: jobs[name] for name in sorted(rules.jobs & jobs.keys())}
-    complete = {name: job.ended for name, job in counting.items() if job.verdict == COMPLETE}
-    failed = {name: job.ended for name, job in counting.items() if job.verdict not in ("", COMPLETE)}
-    if complete and (rules.any_suffices or complete.keys() == rules.jobs):
-        chosen = (min if rules.any_suffices else max)(complete, key=lambda name: complete[name])
-        return Ending(Reason.COMPLETED, chosen, complete[chosen])
+    completions = {name: job.ended for name, job in counting.items() if job.verdict == COMPLETE}
+    failures = {name: job.ended for name, job in counting.items() if job.verdict not in ("", COMPLETE)}
+    if completions and (rules.any_suffices or completions.keys() == rules.jobs):
+        chosen = (min if rules.any_suffices else max)(completions, key=lambda name: completions[name])
+        return Ending(Reason.COMPLETED, chosen, completions[chosen])
     end = deadline_of(rules, jobs)
-    if failed and (not rules.any_suffices or failed.keys() == rules.jobs):
-        first = min(failed, key=lambda name: failed[name])
+    if failures and (not rules.any_suffices or failures.keys() == rules.jobs):
+        first = min(failures, key=lambda name: failures[name])
         if end is not None and _ran_out_of_time(jobs[first], end):
             return _end_by_deadline(end)
         if count_restarts(jobs) >= rules.max_restarts:
-            return Ending(Reason.JOB_FAILED, first, failed[first])
+            return Ending(Reason.JOB_FAILED, first, failures[first])
         if end is None or now < end:
             return Failure(first, jobs[first].reason)
     return None if end is None or now < end else _end_by_deadline(end)

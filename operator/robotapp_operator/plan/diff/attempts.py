@@ -1,4 +1,4 @@
-"""Which attempt an instance is at (completion.maxRestarts): by its Jobs, and by a record that is there while none of them is.
+"""Numbers the attempts of an instance (completion.maxRestarts): by its Jobs, and by a record that is there while none of them is.
 
 A Job that has failed is deleted before its successor of the same name can be made. So the next attempt is written into the
 status of the RobotAppInstance first; then the Jobs of earlier attempts are replaced. The Jobs alone decide whether the
@@ -34,7 +34,7 @@ class Attempt(NamedTuple):
 
     @property
     def annotations(self) -> dict[str, str]:
-        """Those of its Jobs; none of the first attempt."""
+        """Annotations of its Jobs; none for the first attempt."""
         if not self.number:
             return {}
         texts = {

@@ -242,7 +242,7 @@ class App:
 
     @property
     def max_restarts(self) -> int:
-        """How many times an instance is started again when a job has failed."""
+        """The number of times an instance is started again when a job has failed."""
         return self.completion_rules.max_restarts if self.completion_rules else 0
 
     @property

@@ -182,7 +182,7 @@ class AppFacts:
 
     @property
     def completion_time(self) -> str:
-        """When the last of its instances ended; "" while one has not, and for an app that is refused or suspended."""
+        """The time at which the last of its instances ended; "" while one has not, and for an app that is refused or suspended."""
         if self.problems or self.app.suspended or not self.ended:
             return ""
         return max(instance.ending.time for instance in self.instances if instance.ending)

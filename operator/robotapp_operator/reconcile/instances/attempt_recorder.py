@@ -48,6 +48,6 @@ class AttemptRecorder:
             answer = await self._client.apply(ROBOTAPPINSTANCES, body, subresource="status")
         except (NotFound, Conflict) as race:
             raise StartOver(str(race)) from race
-        stored = msgspec.convert(answer, AppInstance)
-        self._cache.put_instance_object(stored)
-        return stored
+        app_instance = msgspec.convert(answer, AppInstance)
+        self._cache.put_instance_object(app_instance)
+        return app_instance
