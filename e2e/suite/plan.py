@@ -183,6 +183,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/cel_cost/": ("tests/live/crds/",),
     "e2e/cluster_dns/": ("tests/live/nodes/",),
     "e2e/container_runtime/": ("tests/live/nodes/",),
+    "e2e/kueue/": ("e2e/tests/campaigns/kueue/",),
     "e2e/pause/": ("tests/live/nodes/",),
     "e2e/latency_switch/": ("e2e/tests/live/switch/",),
     "e2e/ros_nodes/": (

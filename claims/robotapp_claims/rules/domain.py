@@ -253,6 +253,12 @@ def quota_of(pool: Pool, namespace: str) -> int | None:
     return pool.spec.quota.namespaces.get(namespace, pool.spec.quota.default)
 
 
+def count_available(pool: Pool, namespace: str) -> int:
+    """Returns how many ids of the pool the namespace may hold, if nobody else holds any."""
+    limit, total = quota_of(pool, namespace), len(pool_ids(pool))
+    return total if limit is None else min(limit, total)
+
+
 def over_quota(request: DomainRequest, pool: Pool, *, held: int) -> DomainOutcome | None:
     namespace = request.holder.namespace
     limit = quota_of(pool, namespace)

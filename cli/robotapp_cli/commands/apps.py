@@ -17,6 +17,7 @@ from robotapp_cli.output import (
 )
 from robotapp_cli.reading.fields import Json, age, elapsed, meta, milliseconds, plain, short_ms, status
 from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of, name_instance_kind
+from robotapp_cli.reading.runs import has_ended
 from robotapp_cli.reading.session import Session
 from robotapp_client.api.resources import EVENTS, ROBOTAPPS
 
@@ -85,18 +86,27 @@ async def show_info(session: Session, name: str, robot: str | None = None) -> No
 def _print_head(app: Json) -> None:
     summary, counts = status(app).get("summary") or {}, status(app).get("instanceCounts") or {}
     parts = [f"{meta(app)['namespace']}/{meta(app)['name']}", status(app).get("phase", "Pending")]
-    parts += [f"ready {summary['ready']}"] if summary.get("ready") else []
-    parts += [_counted(counts)] if counts.get("desired", 0) > 1 else []
+    is_sweep = app["spec"].get("matrix") is not None  # its READY has the same counts in other words
+    if summary.get("ready") and not is_sweep:
+        parts.append(f"{'done' if has_ended(app) else 'ready'} {summary['ready']}")
+    if counts.get("desired", 0) > 1 or is_sweep:
+        parts.append(
+            _count_instances(counts, noun="run" if is_sweep else "instance", has_ended=is_sweep or has_ended(app))
+        )
     parts += [f"{key} {summary[key]}" for key in ("rmw", "discovery") if summary.get(key)]
     print_line("  ".join(parts), style="bold")
     if status(app).get("observedGeneration") != meta(app).get("generation"):
         print_line("The operator has not seen the latest change yet.", style="yellow")
 
 
-def _counted(counts: Json) -> str:
-    """`instances 998/1000 ready, 1 offline, 1 failed`."""
-    others = [f"{counts[key]} {key}" for key in ("completed", "offline", "failed") if counts.get(key)]
-    return ", ".join([f"instances {counts.get('ready', 0)}/{counts['desired']} ready", *others])
+def _count_instances(counts: Json, *, noun: str, has_ended: bool) -> str:
+    """Returns `instances 998/1000 ready, 1 offline, 1 failed`; where some have ended `12 instances: 3 ready, 8 completed, 1 failed`."""
+    if counts.get("completed") or has_ended:
+        words = [f"{counts[key]} {key}" for key in ("ready", "completed", "offline", "failed") if counts.get(key)]
+        total = counts.get("desired", 0)
+        return f"{total} {noun}{'' if total == 1 else 's'}: {', '.join(words) or 'none has begun'}"
+    others = [f"{counts[key]} {key}" for key in ("offline", "failed") if counts.get(key)]
+    return ", ".join([f"{noun}s {counts.get('ready', 0)}/{counts['desired']} ready", *others])
 
 
 def _print_conditions(app: Json) -> None:

@@ -7,7 +7,7 @@ import msgspec
 
 from robotapp_claims.rules.device_attributes import DRIVER, list_held
 from robotapp_claims.rules.node_devices import UNKNOWN, NodeDevice, find_hidden_nodes, list_devices
-from robotapp_claims.rules.objects import Claim, Object, ResourceClaim, ResourceSlice
+from robotapp_claims.rules.objects import Claim, ResourceClaim, ResourceSlice, TelemetryDevice
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, meta, status
 from robotapp_cli.reading.session import Session
@@ -27,19 +27,6 @@ class Ledgers(NamedTuple):
 
     claims: tuple[Claim, ...]
     hidden: frozenset[str] = frozenset()
-
-
-class _ReportedDevice(Object, frozen=True, kw_only=True):
-    """A device as an agent reports it."""
-
-    id: str
-    type: str
-    model: str = ""
-    interface: str = ""
-    identity: str = ""
-    path: str = ""
-    present: bool = False
-    names: tuple[str, ...] = ()
 
 
 async def show_devices(session: Session) -> None:
@@ -98,7 +85,7 @@ def devices_of(nodes: list[Json], telemetry: list[Json], ledgers: Ledgers) -> di
     """Returns the devices by node, with their holders."""
     labels = {meta(node)["name"]: meta(node).get("labels") or {} for node in nodes}
     reports = {
-        meta(report)["name"]: msgspec.convert(status(report).get("devices") or [], list[_ReportedDevice])
+        meta(report)["name"]: msgspec.convert(status(report).get("devices") or [], list[TelemetryDevice])
         for report in telemetry
     }
     return list_devices(labels, reports, ledgers.claims, hidden=ledgers.hidden)

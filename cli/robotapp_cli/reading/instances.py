@@ -12,7 +12,7 @@ from robotapp_client.api.resources import ROBOTAPPINSTANCES
 
 MOST_IN_FULL: Final = 10
 """Instances whose components and edges are shown by default."""
-_WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED})
+_WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED, Phase.COMPLETED})
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final
 
-from robotapp_api.model.names import Annotation, Label, Phase
+from robotapp_api.model.names import Annotation, Condition, Label, Phase
 from robotapp_cli.reading.fields import Json, condition, label, meta, status
 from robotapp_cli.reading.instances import Instance, instances_of
 from robotapp_cli.reading.session import Session
@@ -111,6 +111,12 @@ class Run:
             return None
         end = datetime.fromisoformat(self.ended) if self.ended else now or datetime.now(UTC)
         return max(0.0, (end - datetime.fromisoformat(self.started)).total_seconds())
+
+
+def has_ended(app: Json) -> bool:
+    """Returns whether all instances of the app have ended. An app whose spec is refused is Failed, too, and its pods may run on."""
+    is_refused = condition(app, Condition.ACCEPTED).get("status") == "False"
+    return status(app).get("phase") in ENDED and not is_refused
 
 
 async def list_runs(session: Session, app: Json) -> list[Run]:

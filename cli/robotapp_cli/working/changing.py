@@ -2,8 +2,10 @@
 
 from datetime import UTC, datetime
 
+from robotapp_api.model.names import Condition
+from robotapp_cli.failures import CliError
 from robotapp_cli.output import print_line
-from robotapp_cli.reading.fields import meta
+from robotapp_cli.reading.fields import Json, condition, meta
 from robotapp_cli.reading.pods import (
     Selection,
     explain_no_pods,
@@ -12,7 +14,9 @@ from robotapp_cli.reading.pods import (
     name_selection,
     write_label_selector,
 )
+from robotapp_cli.reading.runs import ENDED, JobRun, Run, has_ended, list_runs
 from robotapp_cli.reading.session import Session
+from robotapp_cli.working.runs import delete_job
 from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS
 from robotapp_client.tools.rollout import restart_deployment
 
@@ -26,7 +30,10 @@ async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
     # The version makes it a compare-and-swap: an app that was made anew in between is another one.
     patch = {"metadata": {"resourceVersion": meta(app)["resourceVersion"]}, "spec": {"suspend": suspend}}
     await session.client.patch(ROBOTAPPS, name, patch, namespace=session.home)
-    if suspend:
+    if suspend and has_ended(app):
+        print_line(f"{name} is suspended; it had ended before, so it has no pods, domain or devices")
+        print_line(f"No job of it runs again until: kubectl robotapp resume {name}")
+    elif suspend:
         print_line(f"{name} is suspended: its pods end, it keeps its domain and gives its devices back")
         print_line(f"Start it again: kubectl robotapp resume {name}")
     else:
@@ -34,19 +41,57 @@ async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
 
 
 async def restart_components(session: Session, selection: Selection) -> None:
-    """Replaces the pods of the selected components, as `kubectl rollout restart` does, and prints which."""
+    """Replaces the pods of the selected components, as `kubectl rollout restart` does, has jobs run once more, and prints which.
+
+    Where components run on beside them, jobs run again only if one is named: what has ended stays as it is when its app restarts.
+    """
     app = await fetch_app(session, selection)
     labels = write_label_selector(app, selection)
     listing = await session.client.list(DEPLOYMENTS, namespace=session.home, label_selector=labels)
     deployments = [deployment for deployment in listing.items if is_selected(deployment, app, selection)]
-    if not deployments or app["spec"].get("suspend"):
+    runs = await _list_selected_runs(session, app, selection)
+    jobs = [job for run in runs for job in list_repeated(app, run, selection)] if not deployments else []
+    if not (deployments or jobs) or app["spec"].get("suspend"):
         raise explain_no_pods(app, selection)
+    accepted = condition(app, Condition.ACCEPTED)
+    if jobs and accepted.get("status") == "False":
+        raise CliError(f"no job of {selection.app} would be made, so none was deleted: {accepted.get('message', '')}")
     now = datetime.now(UTC).isoformat(timespec="seconds")
     for deployment in deployments:
         await restart_deployment(session.client, deployment, at=now)
-    count = len(deployments)
-    selection_text = name_selection(selection)
-    print_line(
-        f"{selection_text}: pods of {count} Deployment{'' if count == 1 else 's'} are replaced; domain and devices stay"
-    )
-    print_line(f"Follow it: kubectl robotapp info {selection.app} -w")
+    for job in jobs:
+        await delete_job(session, job)
+    text = name_selection(selection)
+    if deployments:
+        count = len(deployments)
+        print_line(
+            f"{text}: pods of {count} Deployment{'' if count == 1 else 's'} are replaced; domain and devices stay"
+        )
+        if any(run.jobs for run in runs):
+            print_line(f"Its jobs are left alone; to run one again: kubectl robotapp restart {selection.app} COMPONENT")
+        print_line(f"Follow it: kubectl robotapp info {selection.app} -w")
+    else:
+        names = ", ".join(sorted({job.component for job in jobs}))
+        print_line(f"{text}: {len(jobs)} job{' runs' if len(jobs) == 1 else 's run'} once more ({names})")
+        print_line(f"Follow it: kubectl robotapp runs {selection.app}")
+
+
+async def _list_selected_runs(session: Session, app: Json, selection: Selection) -> list[Run]:
+    """Returns the selected runs of an app with jobs, [] for another app."""
+    if not any(component.get("job") is not None for component in app["spec"]["components"]):
+        return []
+    return [run for run in await list_runs(session, app) if selection.robot in (None, run.instance.name)]
+
+
+def list_repeated(app: Json, run: Run, selection: Selection) -> list[JobRun]:
+    """Returns the Jobs of a run that must go so that the selected ones run once more.
+
+    A run that has ended has to begin again for that: without its failed jobs, or without any where `completion` decides by some of
+    them, or by the time since the first one.
+    """
+    selected = [job for job in run.jobs if is_selected(job.obj, app, selection)]
+    if not selected or run.phase not in ENDED:
+        return selected
+    if app["spec"].get("completion") is not None:
+        return list(run.jobs)
+    return [job for job in run.jobs if job in selected or job in run.failed_jobs]

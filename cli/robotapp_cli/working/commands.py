@@ -134,7 +134,7 @@ def restart_command(
     context: Context = None,
     kubeconfig: Kubeconfig = None,
 ) -> None:
-    """Replace the pods of an app, or of one component, as a change of its template would."""
+    """Replace the pods of an app, or of one component, as a change of its template would; a job runs once more."""
     run(
         Options(namespace=namespace, context=context, kubeconfig=kubeconfig),
         lambda session: restart_components(session, Selection(name, component, robot)),

@@ -1,7 +1,7 @@
 """`runs`: the runs of an app whose components end, what each was run with, and failed ones once more."""
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -16,7 +16,8 @@ from robotapp_cli.reading.session import Options, Session
 from robotapp_client import Conflict, NotFound
 from robotapp_client.api.resources import JOBS, ROBOTAPPS
 
-BACKGROUND = "Background"
+BACKGROUND: Final = "Background"
+FOREGROUND: Final = "Foreground"
 
 
 def add_runs_command(app: typer.Typer) -> None:
@@ -114,17 +115,20 @@ async def repeat_failed(session: Session, name: str) -> None:
         print_refusal(app)
         return
     for run, job in jobs:
-        await _delete_job(session, job)
+        await delete_job(session, job)
         print_line(f"{run.instance.name or name}: {job.component} runs once more")
     print_line(f"Follow it: kubectl robotapp runs {name}")
 
 
-async def _delete_job(session: Session, job: JobRun) -> None:
-    """Deletes this Job with its pods, and no other one of its name."""
-    uid = str(meta(job.obj)["uid"])
+async def delete_job(session: Session, job: JobRun) -> None:
+    """Deletes this Job with its pods, and no other one of its name. One that runs is gone after its last pod: its successor comes then."""
     try:
         await session.client.delete(
-            JOBS, str(meta(job.obj)["name"]), namespace=session.home, uid=uid, propagation=BACKGROUND
+            JOBS,
+            str(meta(job.obj)["name"]),
+            namespace=session.home,
+            uid=str(meta(job.obj)["uid"]),
+            propagation=BACKGROUND if job.ended else FOREGROUND,
         )
     except (NotFound, Conflict):  # somebody else has deleted it meanwhile
         return

@@ -36,6 +36,7 @@ _COLOURS: Final = {
     Phase.RUNNING: "good",
     Phase.SUSPENDED: "idle",
     Phase.STOPPING: "idle",
+    Phase.COMPLETED: "idle",
     Phase.PENDING: "busy",
     Phase.PLACING: "busy",
     Phase.DEGRADED: "bad",

@@ -3,6 +3,7 @@
 import msgspec
 
 from robotapp_api.values.placement.round_trips import Rtt
+from robotapp_claims.rules.objects import TelemetryDevice
 
 
 class Object(msgspec.Struct, rename="camel", frozen=True, kw_only=True, gc=False):
@@ -55,15 +56,25 @@ class EdgeSpec(Object, frozen=True, kw_only=True):
     latency: Latency | None = None
 
 
+class JobSpec(Object, frozen=True, kw_only=True):
+    """Of interest is only that there is one: the component's program ends."""
+
+
 class ComponentSpec(Object, frozen=True, kw_only=True):
     name: str = ""
+    job: JobSpec | None = None
     replicas: int = 1
     replica_identity: str = ""
+
+
+class MatrixSpec(Object, frozen=True, kw_only=True):
+    """Of interest is only that there is one: the app is a sweep."""
 
 
 class AppSpec(Object, frozen=True, kw_only=True):
     components: tuple[ComponentSpec, ...] = ()
     edges: tuple[EdgeSpec, ...] = ()
+    matrix: MatrixSpec | None = None
     suspend: bool = False
 
 
@@ -119,6 +130,7 @@ class ComponentStatus(Object, frozen=True, kw_only=True):
     name: str = ""
     node: str = ""
     ready: bool = False
+    completed: bool = False
     restarts: int = 0
     message: str = ""
 
@@ -190,21 +202,10 @@ class Battery(Object, frozen=True, kw_only=True):
     charging: bool = False
 
 
-class ReportedDevice(Object, frozen=True, kw_only=True):
-    id: str = ""
-    type: str = ""
-    model: str = ""
-    interface: str = ""
-    identity: str = ""
-    path: str = ""
-    present: bool = False
-    names: tuple[str, ...] = ()
-
-
 class TelemetryStatus(Object, frozen=True, kw_only=True):
     interval_seconds: int | None = None
     seq: int | None = None
-    devices: tuple[ReportedDevice, ...] = ()
+    devices: tuple[TelemetryDevice, ...] = ()
     device_problem: str = ""
     rtt: tuple[Rtt, ...] = ()
     load: Load | None = None

@@ -21,12 +21,21 @@ _INTERFACES: Final = frozenset({"can", "canbus", "can-bus", "socketcan"})
 """Types of network interfaces, which have no path."""
 _LINK_FOLDERS: Final = ("/dev/serial/", "/dev/v4l/", "/dev/input/by-")
 """Folders of links whose names do not depend on the order of plugging in."""
+_MOST_DEVICES_OF_A_CLAIM: Final = 32
+"""What the allocation of one ResourceClaim can hold: AllocationResultsMaxSize of `resource.k8s.io/v1`."""
 _REFERENCE: Final = re.compile(rf"(?<!\$)(?:\$\$)*\$\(({DEVICE_PREFIX}[A-Za-z0-9_]*)\)")
 """A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
 
 
 def device_problems(component: Component, at: str) -> Iterator[Problem]:
     """Yields devices that cannot be claimed or mounted as written. `at`: where the component stands."""
+    exclusive = sum(device.count for device in component.devices if device.sharing == "Exclusive")
+    if exclusive > _MOST_DEVICES_OF_A_CLAIM:
+        yield invalid(
+            f"{at}.devices",
+            f"{exclusive} exclusive devices are more than one pod can have handed over, which are {_MOST_DEVICES_OF_A_CLAIM}; "
+            "give some of them to another component",
+        )
     for index, device in enumerate(component.devices):
         where = f"{at}.devices[{index}]"
         if device.count > 1 and device.type == GPU:

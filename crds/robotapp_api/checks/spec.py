@@ -93,7 +93,8 @@ def _completion_notes(spec: RobotAppSpec) -> Iterator[Note]:
     jobs = [component for component in spec.components if component.job is not None]
     if spec.completion is not None and spec.completion.success.components:
         jobs = [component for component in jobs if component.name in spec.completion.success.components]
-    if (spec.completion is not None or spec.matrix is not None) and not any(job.replicas for job in jobs):
+    ends = spec.completion is not None or spec.matrix is not None
+    if ends and jobs and not any(job.replicas for job in jobs):
         names = ", ".join(job.name for job in jobs)
         field = "spec.completion" if spec.completion is not None else "spec.matrix"
         yield Note(

@@ -15,7 +15,8 @@ from campaigns.reference.catalogue import (
     Inferred,
 )
 from campaigns.reference.placement import Placement, find_scenario
-from campaigns.reference.trials import Trial
+from campaigns.reference.trials.trial import Trial
+from campaigns.scenarios.contenders import KUBE_SCHEDULER
 
 Json = dict[str, Any]
 Rows = list[list[str]]
@@ -32,7 +33,22 @@ PLACEMENT_HEADS: Final = [
     "not kept",
 ]
 DECISION_HEADS: Final = ["application", "component", "what refused nodes, and why the chosen one comes before the next"]
-TRIAL_HEADS: Final = ["application", "fault", "scheduler", "nodes", "figures of the application", "promise"]
+TRIAL_HEADS: Final = [
+    "application",
+    "fault",
+    "scheduler",
+    "nodes",
+    "not where the app asks for",
+    "figures of the application",
+    "thesis",
+    "promise",
+]
+SHARE_HEADS: Final = [
+    "application",
+    "placements right under ours",
+    "under kube-scheduler",
+    "not kept under kube-scheduler",
+]
 PROFILE_HEADS: Final = ["application", "thesis: inferred", "thesis: expected", "ours: inferred", "ours: expected"]
 
 
@@ -51,8 +67,14 @@ class Report:
         self.placements = [p for p in self.placements if (p.app, p.scheduler, p.repetition) != key] + [placement]
 
     def note_trial(self, trial: Trial) -> None:
-        key = trial.app, trial.scheduler
-        self.trials = [t for t in self.trials if (t.app, t.scheduler) != key] + [trial]
+        key = trial.app, trial.scheduler, trial.fault
+        self.trials = [t for t in self.trials if (t.app, t.scheduler, t.fault) != key] + [trial]
+
+    def has_placement(self, app: str, scheduler: str, repetition: int) -> bool:
+        return any((p.app, p.scheduler, p.repetition) == (app, scheduler, repetition) for p in self.placements)
+
+    def has_trial(self, app: str, scheduler: str, fault: str) -> bool:
+        return any((t.app, t.scheduler, t.fault) == (app, scheduler, fault) for t in self.trials)
 
     def to_json(self) -> Json:
         return {
@@ -63,7 +85,7 @@ class Report:
                 "plugins": {
                     scenario.app(ros): scenario.plugins[ros] for scenario in SCENARIOS.values() for ros in GENERATIONS
                 },
-                "round_trips": [asdict(row) for row in THESIS_ROUND_TRIPS],
+                "round_trips": [asdict(row) for row in THESIS_ROUND_TRIPS.values()],
                 "profiles": {scenario.name: asdict(scenario.thesis_profile) for scenario in SCENARIOS.values()},
             },
             "placements": [asdict(placement) for placement in self.placements],
@@ -112,19 +134,51 @@ def tabulate_placements(placements: Sequence[Placement]) -> Rows:
 
 
 def tabulate_trials(trials: Sequence[Trial]) -> Rows:
-    """Returns a row per application and scheduler."""
-    trials_in_order = [t for app in APPS for c in SCHEDULERS for t in trials if (t.app, t.scheduler) == (app, c.name)]
+    """Returns a row per application, fault and scheduler."""
+    faults = dict.fromkeys(trial.fault for trial in trials)
+    trials_in_order = [
+        trial
+        for app in APPS
+        for fault in faults
+        for contender in SCHEDULERS
+        for trial in trials
+        if (trial.app, trial.fault, trial.scheduler) == (app, fault, contender.name)
+    ]
     return [
         [
             trial.app,
             trial.fault,
             trial.scheduler,
             describe_nodes(trial.nodes),
+            "; ".join(trial.misplaced) or NOTHING,
             ", ".join(describe_figure(name, value) for name, value in trial.figures.items()) or NOTHING,
+            quote_thesis(trial.app, trial.scheduler),
             f"not kept: {trial.broken.splitlines()[0].partition(';')[0]}" if trial.broken else "kept",
         ]
         for trial in trials_in_order
     ]
+
+
+def quote_thesis(app: str, scheduler: str) -> str:
+    """Returns the thesis' figures of the application, which it has of teleoperation over DDS alone."""
+    if app != "teleop-ros2":
+        return NOTHING
+    row = THESIS_ROUND_TRIPS[scheduler]
+    return f"mean {row.mean_ms} ms, p95 {row.p95_ms} ms, p99 {row.p99_ms} ms in one pod"
+
+
+def tabulate_shares(placements: Sequence[Placement]) -> Rows:
+    """Returns a row per application: how many placements kept all promises of its RobotApp under each scheduler."""
+    rows = []
+    for app in APPS:
+        runs = {c.name: [p for p in placements if (p.app, p.scheduler) == (app, c.name)] for c in SCHEDULERS}
+        if any(runs.values()):
+            shares = [
+                f"{sum(not p.broken for p in placed)}/{len(placed)}" if placed else NOTHING for placed in runs.values()
+            ]
+            broken = dict.fromkeys(promise for p in runs[KUBE_SCHEDULER.name] for promise in p.broken)
+            rows.append([app, *shares, "; ".join(broken) or NOTHING])
+    return rows
 
 
 def tabulate_profiles(profiles: Mapping[str, Inferred]) -> Rows:
@@ -181,23 +235,38 @@ def list_broken(report: Report) -> list[str]:
 
 PLACEMENT_MARKS: Final = "<!-- placement: made by scripts/bench reference --page -->", "<!-- placement: end -->"
 TRIAL_MARKS: Final = "<!-- behaviour: made by scripts/bench reference --page -->", "<!-- behaviour: end -->"
+SHARE_MARKS: Final = "<!-- applications: made by scripts/bench reference --page -->", "<!-- applications: end -->"
 PROFILE_MARKS: Final = "<!-- profiles: made by scripts/bench reference --page -->", "<!-- profiles: end -->"
 
 
 def write_page(report: Report, page: str) -> str:
-    """Returns the page with its tables replaced by those of the report, as far as it has outcomes of each kind."""
+    """Returns the page with those of its tables replaced of which the report has outcomes."""
     tables: tuple[tuple[tuple[str, str], list[str], Rows, list[str]], ...] = (
         (PLACEMENT_MARKS, PLACEMENT_HEADS, tabulate_placements(report.placements), _list_decisions(report)),
-        (TRIAL_MARKS, TRIAL_HEADS, tabulate_trials(report.trials), []),
+        (SHARE_MARKS, SHARE_HEADS, tabulate_shares(report.placements), []),
+        (TRIAL_MARKS, TRIAL_HEADS, tabulate_trials(report.trials), _list_origin(report)),
         (PROFILE_MARKS, PROFILE_HEADS, tabulate_profiles(report.profiles), []),
     )
     for (begin, end), heads, rows, below in tables:
-        if rows:
+        if rows and begin in page:
             before, _, rest = page.partition(begin)
             after = rest.partition(end)[2]
             text = "\n".join([*format_table(heads, rows), *below])
             page = f"{before}{begin}\n{text}\n{end}{after}"
     return page
+
+
+def _list_origin(report: Report) -> list[str]:
+    """Returns by which commands the trials were made, and when."""
+    days = sorted({trial.began_at[:10] for trial in report.trials} - {""})
+    commands = [f"`{command}`" for command in report.commands if "--real" in command.split()]
+    return ["", f"Made on {', '.join(days)} by {', '.join(commands)}."] if days and commands else []
+
+
+def append_line(path: Path, trial: Trial) -> None:
+    """Appends the outcome of one trial as a line of JSON."""
+    with path.open("a") as file:
+        file.write(json.dumps(asdict(trial)) + "\n")
 
 
 def format_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

@@ -2,7 +2,8 @@
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from typing import Any, Final
 
@@ -11,7 +12,7 @@ from tests.support.work_unit import slowness
 from campaigns.nodes import teleop_app
 from campaigns.reference.catalogue import Scenario
 from campaigns.reference.robotapps import make_volume, read_app, read_claims
-from robotapp_api.model.names import API_VERSION
+from robotapp_api.model.names import API_VERSION, Label
 from robotapp_testbed import wait_until
 from robotapp_testbed.real import RealNodes
 
@@ -113,6 +114,40 @@ class RunningApp:
             return self.uid_of(component) not in ("", pod["uid"])
 
         self.wait_until(is_replaced, what=f"{component} has a new pod", component=component, within_s=REPLACED_S)
+
+    def replace_master(self, components: Sequence[str]) -> None:
+        """Deletes the pod of the master of ROS 1, and waits until the operator of RobotApp has started components anew."""
+        uids = {component: self.uid_of(component) for component in components}
+        selector = f"{Label.APP}={self.name},{Label.ROLE}=master"
+        self.cp.kubectl("delete", "pod", "-n", self.namespace, "-l", selector, "--grace-period=1", "--wait=false")
+
+        def are_new() -> bool:
+            return all(self.uid_of(component) not in ("", uid) for component, uid in uids.items())
+
+        self.wait_until(
+            are_new, what=f"{' and '.join(components)} have new pods", component=components[0], within_s=STARTED_S
+        )
+
+    @contextmanager
+    def cut_link(self, name: str, other_name: str) -> Iterator[None]:
+        """Cuts what the pods of two nodes send each other; the cluster reaches both."""
+        self.cp.switch.set_link(name, other_name, down=True)
+        try:
+            yield
+        finally:
+            self.cp.switch.set_link(name, other_name, down=False)
+
+    @contextmanager
+    def take_offline(self, name: str) -> Iterator[None]:
+        """Takes a node offline, for the cluster and for the pods of all other nodes. Its own pods go on."""
+        node = self.cp.node(name)
+        self.cp.switch.set_node(name, down=True)
+        try:
+            node.cut_off()
+            yield
+        finally:
+            node.reconnect()
+            self.cp.switch.set_node(name, down=False)
 
     # --- waiting ----------------------------------------------------------------------------------------------
 

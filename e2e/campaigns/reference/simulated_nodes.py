@@ -2,19 +2,21 @@
 
 import json
 import secrets
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Final
 
 from campaigns.nodes import teleop_app
-from campaigns.reference.catalogue import SCHEDULERS, Scenario
+from campaigns.reference.catalogue import Scenario
 from campaigns.reference.placement import Json, Placement, describe_decision, list_plugins, list_promises, make_topology
 from campaigns.reference.robotapps import make_volume, read_app, read_claims
 from campaigns.rigs.ports import ask
 from campaigns.scenarios.contenders import OURS, Contender
+from robotapp_api.model.names import API_VERSION
 from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.machines.network import Topology
 from robotapp_testbed.machines.telemetry import SimulatedTelemetry
 from robotapp_testbed.machines.topology import apply as apply_nodes
@@ -22,33 +24,37 @@ from robotapp_testbed.processes.process import Process
 
 PLACED_S: Final = 30.0
 """For what takes two seconds on an idle machine; a pod without a node after that has none."""
+GONE_S: Final = 60.0
 
 
 class Rig:
-    """The control plane with all nodes, and our scheduler."""
+    """The control plane with all nodes, and our scheduler. Each application has a namespace, in which its volume stays."""
 
-    def __init__(self, cp: ControlPlane, topology: Topology, scheduler: Process) -> None:
+    def __init__(self, cp: ControlPlane, topology: Topology, scheduler: Process, stack: ExitStack) -> None:
         self.cp = cp
         self.topology = topology
         self._scheduler = scheduler
+        self._stack = stack
+        self._namespaces: dict[str, str] = {}
 
     def place(self, scenario: Scenario, ros: int, contender: Contender, repetition: int) -> Placement:
-        """Applies one application, waits for its nodes, and removes it."""
+        """Applies one application that is prepared, waits for its nodes, and removes it. Several threads may do so, each with its own."""
         name = scenario.app(ros)
         app = read_app(name, scenario.runs_on, scheduler=contender.scheduler_name, use_images=False)
-        with created(self.cp, f"{name}-{secrets.token_hex(3)}") as namespace:
-            claims = read_claims(name)
-            volumes = [make_volume(claim, namespace, scenario.volume_node) for claim in claims]
-            teleop_app.apply(self.cp, namespace, [*volumes, *claims, app])
-            components = [component["name"] for component in app["spec"]["components"]]
-            wait_until(
-                lambda: all(map(self._list_nodes(namespace, name).get, components)),
-                timeout_s=PLACED_S,
-                poll_s=0.2,
-            )
-            nodes = self._list_nodes(namespace, name)
-            records = self._read_records(namespace, name) if contender is OURS else {}
-            self.cp.kubectl("delete", "robotapp", name, "-n", namespace, "--cascade=foreground", "--timeout=30s")
+        namespace = self._namespaces[name]
+        components = [component["name"] for component in app["spec"]["components"]]
+        path = f"/apis/{API_VERSION}/namespaces/{namespace}/robotapps"
+        self.cp.api.create(path, app)
+        nodes: dict[str, str] = {}
+
+        def are_placed() -> bool:
+            nodes.update(self._list_nodes(namespace, name))
+            return all(map(nodes.get, components))
+
+        wait_until(are_placed, timeout_s=PLACED_S, poll_s=0.2)
+        records = self._read_records(namespace, name) if contender is OURS else {}
+        self.cp.api.delete(f"{path}/{name}?propagationPolicy=Foreground")
+        self._wait_gone(namespace)
         return Placement(
             name,
             contender.name,
@@ -58,6 +64,28 @@ class Rig:
             decisions={component: describe_decision(record) for component, record in records.items()},
             plugins=sorted(set().union(*map(list_plugins, records.values()))),
         )
+
+    def prepare(self, scenario: Scenario, ros: int) -> None:
+        """Makes the namespace of an application, with the volume that its claim is bound to."""
+        name = scenario.app(ros)
+        if name in self._namespaces:
+            return
+        namespace = self._stack.enter_context(created(self.cp, f"{name}-{secrets.token_hex(3)}"))
+        claims = read_claims(name)
+        volumes = [make_volume(claim, namespace, scenario.volume_node) for claim in claims]
+        if claims:
+            teleop_app.apply(self.cp, namespace, [*volumes, *claims])
+        self._namespaces[name] = namespace
+
+    def _wait_gone(self, namespace: str) -> None:
+        """Waits until the places of an application are free for the next one."""
+        paths = (f"/apis/{API_VERSION}/namespaces/{namespace}/robotapps", f"/api/v1/namespaces/{namespace}/pods")
+
+        def is_gone() -> bool:
+            return not any(self.cp.api.get(path)["items"] for path in paths)
+
+        if not wait_until(is_gone, timeout_s=GONE_S, poll_s=0.2):
+            raise TestbedError(f"the application in {namespace} is not gone {GONE_S:.0f} s after it was deleted")
 
     def _list_nodes(self, namespace: str, name: str) -> dict[str, str]:
         pods = teleop_app.pods(self.cp, namespace, name)
@@ -83,19 +111,4 @@ def start_rig() -> Iterator[Rig]:
         apply_nodes(cp, topology)
         stack.enter_context(SimulatedTelemetry(cp, topology))
         product.start_operator(cp, sweep_seconds=1, no_leader_election=True)
-        yield Rig(cp, topology, product.start_scheduler(cp, insecure_explain=True))
-
-
-def place_all(
-    rig: Rig,
-    scenarios: Sequence[Scenario],
-    generations: Sequence[int],
-    repetitions: int,
-    note: Callable[[Placement], None],
-) -> None:
-    """Places each application under both schedulers, in turn; each placement is noted as soon as it is there."""
-    for repetition in range(repetitions):
-        for scenario in scenarios:
-            for ros in generations:
-                for contender in SCHEDULERS if repetition % 2 == 0 else SCHEDULERS[::-1]:
-                    note(rig.place(scenario, ros, contender, repetition))
+        yield Rig(cp, topology, product.start_scheduler(cp, insecure_explain=True), stack)

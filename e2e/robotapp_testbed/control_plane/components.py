@@ -12,6 +12,8 @@ from robotapp_testbed.processes import ports
 
 STAGES_DIR = Path(__file__).parents[1] / "stages"
 SIMULATED_BY_KWOK = "kwok"
+RUNS_FOR = "testbed.robotapp.dev/runs-for"
+"""Annotation of a simulated pod of a Job: how long it runs before it ends, such as 5s. Without it, it ends at once."""
 NODE_SELECTOR = f"{Label.SIMULATED}={SIMULATED_BY_KWOK}"
 """kwok plays the kubelet of nodes with this label only, so real nodes can join the same control plane."""
 

@@ -132,6 +132,13 @@ class RealNodes(ControlPlane):
         outsider.start(images.archive(image))
         return outsider
 
+    def import_image(self, name: str, nodes: Iterable[str]) -> None:
+        """Imports an image of robotapp_testbed.images on nodes that do not have it yet, on some of them at once."""
+        reference, archive = images.reference(name), images.archive(name)
+        with ThreadPoolExecutor(_PARALLEL) as pool:
+            for imported in [pool.submit(self.node(node).import_image, reference, archive) for node in nodes]:
+                imported.result()
+
     def plug_switch(self) -> None:
         """Attach all nodes that are up, with the delays the cluster was made with; for a switch that has just started."""
         for node in self._nodes.values():

@@ -138,7 +138,8 @@ class RealNode:
         self._plug_in()
         self._write_configuration()
         self._start_containerd()
-        self._import_images()
+        for reference, archive in self._around.images.items():
+            self.import_image(reference, archive)
 
     def join(self) -> None:
         """Start the programs that make it a node of the cluster."""
@@ -206,6 +207,11 @@ class RealNode:
     def ctr(self, *args: str) -> str:
         """Output of containerd's own command, in the namespace that has the pods' containers."""
         return self.box.run(self._runtime_program("ctr"), f"--address={containerd.SOCKET}", "--namespace=k8s.io", *args)
+
+    def import_image(self, reference: str, archive: Path) -> None:
+        """Imports an image unless it is there: a node that comes back has kept its disk."""
+        if reference not in self.ctr("images", "list", "--quiet").split():
+            self.ctr("images", "import", str(archive))
 
     # --- inside -----------------------------------------------------------------------------------------------
 
@@ -303,13 +309,6 @@ class RealNode:
                 f"containerd of {self.name} does not serve after {_SERVES_S:.0f} s: see {self.containerd}"
             )
         self.containerd.wait_ready()
-
-    def _import_images(self) -> None:
-        """Only what is not there: a node that comes back has kept its disk."""
-        present = self.ctr("images", "list", "--quiet").split()
-        for reference, archive in self._around.images.items():
-            if reference not in present:
-                self.ctr("images", "import", str(archive))
 
     def _start(self, name: str, argv: Sequence[str]) -> None:
         self._programs[name] = self.box.program(name, argv)

@@ -166,11 +166,10 @@ class Line:
                 yield uid, robot, app
 
     def _takes_any(self, app: App, uid: str, robot: str) -> bool:
-        """Whether the instance waits for nothing but a free id. Instances with another refusal try each time."""
+        """Returns whether the instance waits for nothing but a free id. Instances with another refusal try each time."""
         outcome = self._memory.outcome(uid, robot)
         exhausted = outcome is not None and outcome.reason is Reason.DOMAIN_EXHAUSTED
-        shared = app.spec.ros2 is not None and app.spec.ros2.isolation != "Domain"
-        return exhausted and not shared and not app.share_with and app.requested_domain is None
+        return exhausted and app.takes_domains and app.requested_domain is None
 
     def _free(self, pool: str) -> int | None:
         """Ids of the pool without a claim; None where they are counted by zone or node."""
@@ -181,9 +180,15 @@ class Line:
         return len(pool_ids(found) - {thing.id for thing in things if thing is not None and thing.pool == pool})
 
     def _turn(self, pool: str, in_line: list[Waiting], free: int) -> list[Waiting]:
+        """Returns those who try now: first apps that hold no id of the pool, so that none waits behind all instances of a sweep."""
         waiting = set(in_line)
-        before = dict.fromkeys(each for each in self._order.get(pool, ()) if each in waiting)
-        order = list(before | dict.fromkeys(in_line))
+        before = dict.fromkeys(key for key in self._order.get(pool, ()) if key in waiting)
+        holders = {
+            claim.holder.uid
+            for claim in self._cache.all_claims()
+            if claim.spec.domain and claim.spec.domain.pool == pool
+        }
+        order = sorted(before | dict.fromkeys(in_line), key=lambda key: key[0] in holders)
         chosen = order[:free]
         self._order[pool] = [*order[free:], *chosen]
         return chosen

@@ -17,7 +17,7 @@ from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Job, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner
-from robotapp_operator.plan.status.components import awaits_containers
+from robotapp_operator.plan.status.pods.pod_warnings import awaits_containers
 from robotapp_operator.queue.work import Work, namespace_group, pool_group
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
@@ -28,6 +28,8 @@ from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
 """What is shown of round trips follows them this much later: both ends of a pair report."""
+AFTER_OTHERS_S: Final = 1.0
+"""Delay before a sweep uses a domain that has rested: apps that wait for one come first."""
 OWNER_DELAY_S: Final = 1.0
 FLEET_DELAY_S: Final = 1.0
 POOL_DELAY_S: Final = 1.0
@@ -149,17 +151,17 @@ class Informers:
             self._begin_next(label(item, Label.APP_UID))
         self._status(item)
 
-    def _begin_next(self, uid: str) -> None:
+    def _begin_next(self, uid: str, *, delay_s: float = 0.0) -> None:
         """Adds the instances of a sweep whose turn has come."""
         record = self._cache.apps.get(uid)
         if record is None or record.app is None or record.app.spec.matrix is None:
             return
         for instance in admitted_instances(record.app, self._cache) - self._cache.running_instances(uid):
-            self._queue.add(Key(Work.CHILDREN, uid, instance))
-            enqueue_status(self._queue, uid, instance)
+            self._queue.add(Key(Work.CHILDREN, uid, instance), delay_s=delay_s)
+            enqueue_status(self._queue, uid, instance, delay_s=delay_s)
 
     def _others_may_start(self, before: Deployment | Pod | None, now: Deployment | Pod | None) -> bool:
-        """Whether a Deployment or pod has become ready, and others of its app may wait for that."""
+        """Returns whether a Deployment or pod has become ready, and others of its app may wait for that."""
         record = self._cache.apps.get(label(now, Label.APP_UID)) if now is not None else None
         waits = record is not None and record.app is not None and record.app.orders_starts
         return waits and now is not None and now.is_ready and not (before is not None and before.is_ready)
@@ -326,6 +328,8 @@ class Informers:
             for name in self._on_networks_of(change):
                 self._fullness(name)
                 self._waiting_for(name)
+            for uid in self._cache.apps:  # a sweep may hold another number of domains now
+                self._begin_next(uid, delay_s=AFTER_OTHERS_S)
 
     def _on_networks_of(self, change: Change) -> list[str]:
         """The other pools of the networks that a pool served or serves: whether they overlap may have changed."""
@@ -335,7 +339,7 @@ class Informers:
         ]
 
     def _asking_for_a_number(self, pool: str) -> None:
-        """Whether the pool gives the id that their spec names decides whether these apps are accepted."""
+        """Adds the apps whose spec names an id of the pool: they are accepted or not by whether it gives that id."""
         for uid, record in self._cache.apps.items():
             if record.app is not None and record.app.requested_domain is not None and record.app.pool == pool:
                 self._queue.add(Key(Work.APP, uid))
@@ -359,6 +363,7 @@ class Informers:
             enqueue_joined(self._cache, self._queue, owner, uid=holder.uid, instance=holder.instance)
         if change.new is None:
             self._waiting_for(claim.spec.domain.pool)
+            self._begin_next(holder.uid, delay_s=AFTER_OTHERS_S)
 
     def _waiting_for(self, pool: str) -> None:
         self._queue.add(Key(Work.WAITING, pool_group(pool)))
@@ -422,7 +427,7 @@ def _proposal(pod: Pod) -> str | None:
 
 
 def _chooses(app: App, *, same: bool) -> bool:
-    """Can a node's event change which robots the app gets? same: only the node's readiness has changed."""
+    """Returns whether a node's event can change which robots the app gets? same: only the node's readiness has changed."""
     robots = app.spec.robots
     return robots is not None and (not same or robots.assignment == ANY)
 

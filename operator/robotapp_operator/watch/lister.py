@@ -11,7 +11,8 @@ from typing import Any
 from robotapp_api.model.names import Reason
 from robotapp_api.values.overrides import select_overrides
 from robotapp_api.values.quantities.ranges import parse_ids
-from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_api.values.sweeps.matrix import limit_domains
+from robotapp_claims.rules.domain import DomainOutcome, count_available
 from robotapp_claims.rules.instances import ANY, Instance, robot_of, too_many_missing
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.objects import Claim
@@ -64,13 +65,26 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
 
 def admitted_instances(app: App, cache: Cache) -> frozenset[str]:
     """Returns the unfinished instances of a sweep that may run now."""
+    available = _count_available(app, cache)
 
     def list_by_jobs() -> frozenset[str]:
         jobs = {name: cache.jobs.of_instance(app.uid, name).values() for name in app.sweep}
-        return list_admitted(app, jobs, cache.running_instances(app.uid))
+        claims = cache.claims.of(app.uid).values()
+        holding = {
+            claim.holder.instance for claim in claims if claim.spec.domain and claim.spec.domain.pool == app.pool
+        }
+        running = cache.running_instances(app.uid)
+        return list_admitted(app, jobs, running, holding=holding, available=available)
 
-    answer: frozenset[str] = cache.answers.get(app, "admitted", cache.version_of_app(app.uid), list_by_jobs)
+    version = cache.version_of_app(app.uid), available
+    answer: frozenset[str] = cache.answers.get(app, "admitted", version, list_by_jobs)
     return answer
+
+
+def _count_available(app: App, cache: Cache) -> int | None:
+    """Returns how many domains of the pool the namespace of a sweep may have, None where its instances take none, or no pool is there."""
+    pool = cache.pools.get(app.pool) if app.takes_domains else None
+    return count_available(pool, app.namespace) if pool is not None else None
 
 
 def describe_turn(app: App, instance: str, cache: Cache) -> str:
@@ -80,7 +94,13 @@ def describe_turn(app: App, instance: str, cache: Cache) -> str:
     is_refused = any(problem.reason == Reason.INVALID_SPEC for problem in problems_now(app, cache))
     if is_refused or instance in admitted_instances(app, cache):
         return ""
-    return f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
+    text = f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
+    available = _count_available(app, cache)
+    limit = limit_domains(app.spec.matrix.parallelism, available) if available is not None else len(app.sweep)
+    if limit >= len(app.sweep):
+        return text
+    rest_s = cache.pools[app.pool].spec.quarantine_seconds
+    return f"{text}, with at most {limit} of {available} domains, counting those of ended runs, which rest {rest_s} s"
 
 
 def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
@@ -112,7 +132,7 @@ def chosen_overrides(app: App, cache: Cache) -> Mapping[str, object]:
 
 
 def names_config(app: App, cache: Cache) -> bool:
-    """Whether the app names any ConfigMap or Secret; `app` as it is written, without overrides."""
+    """Returns whether the app names any ConfigMap or Secret; `app` as it is written, without overrides."""
     answer: bool = cache.answers.get(app, "names config", None, lambda: reads_config(app))
     return answer
 
@@ -159,7 +179,7 @@ def problems_now(app: App, cache: Cache) -> tuple[Problem, ...]:
 
 
 def needs_domain(app: App) -> bool:
-    """Whether the app's instances need a domain: those of ROS 2 do."""
+    """Returns whether the app's instances need a domain: those of ROS 2 do."""
     return app.ros_version == 2
 
 

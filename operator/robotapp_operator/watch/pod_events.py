@@ -14,7 +14,7 @@ from robotapp_client import ApiClient, ClientError, Forbidden
 from robotapp_client.api.client import with_query
 from robotapp_client.api.resources import EVENTS
 from robotapp_operator.plan.spec.objects import Pod
-from robotapp_operator.plan.status.components import PodWarning, awaits_sandbox, explain_warnings
+from robotapp_operator.plan.status.pods.pod_warnings import PodWarning, awaits_sandbox, explain_warnings
 from robotapp_operator.queue.work import name_of
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache

@@ -36,9 +36,7 @@ SEARCH_S: Final = 3.0
 """After this long no better node is searched any more: the worker is given five seconds, and a busy machine is slow."""
 MOST_REPLAYED: Final = 2000
 """`placement.reschedule.when` of an app whose pods the operator moves."""
-NOT_TRIED: Final = (
-    "not tried: claims of domains, evictions, discovery servers of new apps; a priorityClassName of theirs counts as 0"
-)
+NOT_TRIED: Final = "not tried: claims of domains, evictions, discovery servers of new apps; a priorityClassName in a new app counts as 0"
 
 
 def answer(

@@ -201,6 +201,23 @@ def test_an_app_shows_its_links_and_which_component_is_suspended_and_which_waits
     fleet.plane.kubectl("delete", "-n", fleet.namespace, "robotapp", "ordered")
 
 
+def make_sweep() -> dict[str, object]:
+    """Two runs of a program that ends."""
+    matrix = {"parameters": [{"name": "seed", "values": ["1", "2"]}]}
+    components = [{"name": "sim", "image": "i", "job": {}}]
+    spec = {"ros": {"distro": "none"}, "matrix": matrix, "components": components}
+    return {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": "seeds"}, "spec": spec}
+
+
+def test_a_sweep_shows_how_many_of_its_runs_are_done(page: Page, fleet: Fleet) -> None:
+    fleet.plane.kubectl("apply", "-n", fleet.namespace, "-f", "-", stdin=make_sweep())
+    page.goto(f"/apps/{fleet.namespace}/seeds")
+    expect(page.locator("dl.facts")).to_contain_text("2/2 done")
+    expect(page.locator("table.instances")).to_contain_text("Run")
+    expect(page.locator("table.instances tbody tr").filter(has_text="Completed")).to_have_count(2)
+    fleet.plane.kubectl("delete", "-n", fleet.namespace, "robotapp", "seeds")
+
+
 def test_why_here_has_the_runner_up_and_the_time_for_which_a_node_was_refused(page: Page, fleet: Fleet) -> None:
     page.goto(f"/apps/{fleet.namespace}/teleop")
     page.get_by_role("link", name="Why is operator-ui there?").click()

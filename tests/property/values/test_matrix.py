@@ -1,6 +1,7 @@
 """Rules of a sweep: which instances it has, what they are called, and which of them run next."""
 
 import re
+from typing import NamedTuple
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,6 +12,7 @@ from robotapp_api.values.sweeps.matrix import (
     choose_admitted,
     count_instances,
     expand_matrix,
+    limit_domains,
     list_variables,
     name_variable,
 )
@@ -93,3 +95,75 @@ def test_a_sweep_ends_whatever_order_its_instances_finish_in(count: int, paralle
         finished |= {random.choice(sorted(admitted))}  # type: ignore[attr-defined]
     assert finished == set(names)
     assert choose_admitted(names, parallelism=parallelism, begun=begun, finished=finished) == frozenset()
+
+
+class Load(NamedTuple):
+    """A sweep and another app in one pool, in seconds. held: ids that nobody gives back."""
+
+    pool: int
+    held: int
+    parallelism: int
+    runs: list[int]
+    rest: int
+    arrival: int
+    stay: int
+
+
+LOADS = st.integers(1, 14).flatmap(
+    lambda pool: st.builds(
+        Load,
+        pool=st.just(pool),
+        held=st.integers(0, pool - 1),
+        parallelism=st.integers(1, 20),
+        runs=st.lists(st.integers(1, 5), min_size=1, max_size=30),
+        rest=st.integers(1, 8),
+        arrival=st.integers(0, 40),
+        stay=st.integers(1, 20),
+    )
+)
+
+
+@given(LOADS)
+def test_another_app_gets_a_domain_as_soon_as_one_has_rested_and_the_sweep_goes_on(load: Load) -> None:
+    names = [f"run-{number}" for number in range(len(load.runs))]
+    ends: dict[str, int] = {}
+    rests: list[int] = []
+    finished: set[str] = set()
+    granted: int | None = None
+    limit = limit_domains(load.parallelism, load.pool)
+    turn_s = max(load.runs) + load.rest
+    for now in range(load.arrival + load.stay + turn_s * (len(names) + 2)):
+        for name in [name for name, end in ends.items() if end <= now]:
+            del ends[name]
+            finished.add(name)
+            rests.append(now + load.rest)
+        rests = [end for end in rests if end > now]
+        is_there = granted is not None and now < granted + load.stay
+        free = load.pool - load.held - len(ends) - len(rests) - is_there
+        if granted is None and now >= load.arrival and free:
+            granted, free = now, free - 1
+        admitted = choose_admitted(
+            names,
+            parallelism=load.parallelism,
+            begun=frozenset(ends),
+            finished=frozenset(finished),
+            resting=len(rests),
+            available=load.pool,
+        )
+        starting = [name for name in names if name in admitted and name not in ends][:free]
+        ends |= {name: now + load.runs[names.index(name)] for name in starting}
+        assert len(ends) + len(rests) <= limit
+    assert finished == set(names)
+    assert granted is not None
+    waited = granted - load.arrival
+    assert waited <= turn_s
+    if load.parallelism < load.pool and not load.held and load.pool > 1:
+        assert waited == 0, "a sweep that runs fewer at once than there are domains leaves one free"
+
+
+@given(st.integers(1, 300), st.integers(0, 300))
+def test_a_sweep_holds_half_of_the_pool_or_what_runs_at_once_and_never_none(parallelism: int, available: int) -> None:
+    limit = limit_domains(parallelism, available)
+    assert 1 <= limit <= max(1, available)
+    assert limit >= min(parallelism, available)
+    assert limit <= max(parallelism, available // 2)

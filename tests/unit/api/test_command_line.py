@@ -419,3 +419,11 @@ def test_in_ros_1_the_master_ends_all_copies_but_one() -> None:
 )
 def test_one_copy_programs_without_ros_and_names_made_of_the_pods_are_not_noted(fields: dict[str, Any]) -> None:
     assert list_replica_notes(args=["program"], **fields) == []
+
+
+def test_a_pod_has_at_most_as_many_devices_as_one_claim_can_hold() -> None:
+    devices: list[dict[str, Any]] = [{"name": f"d{index}", "type": "video", "count": 11} for index in range(3)]
+    (problem,) = list_problems(args=["x"], devices=devices)
+    assert "33 exclusive devices are more than one pod can have handed over, which are 32" in problem
+    assert list_problems(args=["x"], devices=[*devices[:2], devices[2] | {"count": 10}]) == []
+    assert list_problems(args=["x"], devices=[*devices[:2], devices[2] | {"sharing": "Cluster"}]) == []

@@ -153,6 +153,37 @@ class TestInfo:
         assert "fleet/teleop  Pending" in stage.text("info", "teleop")
 
 
+class TestInfoOfASweep:
+    """Instances that have ended are not ready and in no trouble."""
+
+    def test_counts_of_an_ended_sweep_agree_with_each_other(self, stage: Stage) -> None:
+        summary = {**STATUS["summary"], "ready": "11/12"}
+        counts = {"desired": 12, "ready": 0, "offline": 0, "completed": 11, "failed": 1}
+        status = {**STATUS, "phase": "Failed", "summary": summary, "instanceCounts": counts}
+        stage.add(ROBOTAPPS, robotapp(status=status))
+        for number in range(12):
+            phase = "Failed" if number == 7 else "Completed"
+            stage.add(INSTANCES, instance(f"run-{number:02}", **{**SEEN, "phase": phase}))
+        lines = stage.text("info", "teleop").splitlines()
+        assert "done 11/12  12 instances: 11 completed, 1 failed" in lines[0]
+        assert [line for line in lines if line.startswith("robot run-")] == ["robot run-07, domain 7, Failed"]
+
+    def test_runs_of_a_sweep_are_counted_once(self, stage: Stage) -> None:
+        counts = {"desired": 200, "ready": 3, "completed": 37, "failed": 1}
+        summary = {**STATUS["summary"], "ready": "37/200 done, 1 failed"}
+        app = robotapp(status={**STATUS, "summary": summary, "instanceCounts": counts})
+        app["spec"]["matrix"] = {"parameters": [{"name": "seed", "values": ["1", "2"]}]}
+        stage.add(ROBOTAPPS, app)
+        head = stage.text("info", "teleop").splitlines()[0]
+        assert "Running  200 runs: 3 ready, 37 completed, 1 failed  " in head
+        assert "37/200 done, 1 failed" in stage.text("list")
+
+    def test_while_some_run_they_are_counted_beside_those_that_have_ended(self, stage: Stage) -> None:
+        counts = {"desired": 12, "ready": 3, "offline": 0, "completed": 5, "failed": 0}
+        stage.add(ROBOTAPPS, robotapp(status={**STATUS, "instanceCounts": counts}))
+        assert "12 instances: 3 ready, 5 completed" in stage.text("info", "teleop")
+
+
 class TestInfoOfAFleet:
     """An app of many robots: what is wrong in full, what is well as a line each."""
 

@@ -4,14 +4,20 @@ from typing import Any
 
 import msgspec
 from tests.support.apiserver import FakeApiServer
+from tests.support.claims import objects as make
 from tests.support.clients import client_for
 from tests.support.factories import UID, app_body, component
 from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledServer
+from tests.unit.operating.watch.test_informers import InformedQueue
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.objects import Claim, Pool
+from robotapp_client import Change
 from robotapp_client.api.resources import JOBS, ROBOTAPPS
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Job
+from robotapp_operator.queue.work import Work
+from robotapp_operator.queue.workqueue import Key
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import admitted_instances, describe_turn
 
@@ -37,6 +43,16 @@ def put_job(cache: Cache, app: App, instance: str, *, verdict: str = "") -> None
     conditions = [{"type": verdict, "status": "True"}] if verdict else []
     job = msgspec.convert({"metadata": metadata, "spec": {}, "status": {"conditions": conditions}}, Job)
     cache.jobs.put(UID, f"default/job-{instance}", job)
+
+
+def put_claim(cache: Cache, instance: str, number: int, *, phase: str = "Reserved") -> Claim:
+    claim = make.domain_claim(number, make.app_holder(UID, instance=instance), phase=phase)
+    cache.claims.put(UID, claim.name, claim)
+    return claim
+
+
+def put_pool(cache: Cache, ids: str) -> None:
+    cache.pools["default"] = msgspec.convert(make.pool_json(ids), Pool)
 
 
 def test_the_first_instance_has_its_turn_and_the_others_are_told_the_number() -> None:
@@ -78,6 +94,67 @@ def test_an_instance_that_has_begun_goes_on_when_the_number_falls() -> None:
     assert record.app is not None
     assert [describe_turn(record.app, name, cache) for name in (first, second)] == ["", ""]
     assert describe_turn(record.app, third, cache)
+
+
+def test_domains_that_rest_after_a_run_count_until_they_are_free() -> None:
+    cache, app = make_cache(parallelism=1)
+    first, second, third = app.sweep
+    put_pool(cache, "1-4")  # so the sweep holds two at most
+    for number, instance in enumerate((first, second), start=1):
+        put_job(cache, app, instance, verdict="Complete")
+        put_claim(cache, instance, number, phase="Draining")
+    assert admitted_instances(app, cache) == frozenset()
+    text = describe_turn(app, third, cache)
+    assert text.endswith("with at most 2 of 4 domains, counting those of ended runs, which rest 1 s")
+    cache.claims.drop(UID, put_claim(cache, first, 1).name)
+    assert admitted_instances(app, cache) == {third}
+
+
+def test_an_instance_with_a_domain_and_no_job_yet_keeps_its_turn() -> None:
+    cache, app = make_cache(parallelism=1)
+    _, second, _ = app.sweep
+    put_pool(cache, "1-4")
+    put_claim(cache, second, 1)
+    assert admitted_instances(app, cache) == {second}
+
+
+def test_a_small_quota_of_the_namespace_bounds_a_sweep_as_a_small_pool_does() -> None:
+    cache, app = make_cache(parallelism=3)
+    first, second, _ = app.sweep
+    pool = make.pool_json("1-100", quota={"namespaces": {"default": 2}})
+    cache.pools["default"] = msgspec.convert(pool, Pool)
+    assert admitted_instances(app, cache) == {first, second}
+
+
+def test_a_sweep_goes_on_when_a_domain_has_rested_after_the_apps_that_wait_for_it() -> None:
+    watch = InformedQueue()
+    record = watch.cache.update_app(app_body(components=[component("sim", job={})], matrix=MATRIX))
+    assert record.app is not None
+    first, second, third = record.app.sweep
+    put_pool(watch.cache, "1-2")
+    put_job(watch.cache, record.app, first, verdict="Complete")
+    claim = put_claim(watch.cache, first, 1, phase="Draining")
+    watch.informers._claim(Change("DELETED", claim.name, claim, None))
+    assert Key(Work.CHILDREN, UID, second) not in watch.due(), "others that wait come first"
+    watch.now_s += 2
+    assert {key for key in watch.due() if key.work == Work.CHILDREN} == {Key(Work.CHILDREN, UID, second)}
+    assert describe_turn(record.app, third, watch.cache)
+
+
+def test_a_larger_pool_wakes_the_instances_that_may_run_now() -> None:
+    watch = InformedQueue()
+    record = watch.cache.update_app(
+        app_body(components=[component("sim", job={})], matrix={**MATRIX, "parallelism": 2})
+    )
+    assert record.app is not None
+    first, second, _ = record.app.sweep
+    put_pool(watch.cache, "1")
+    put_job(watch.cache, record.app, first)
+    put_claim(watch.cache, first, 1)
+    assert admitted_instances(record.app, watch.cache) == {first}
+    larger = msgspec.convert(make.pool_json("1-9"), Pool)
+    keys = watch.see("_pool", watch.cache.pools["default"], larger, key="default")
+    assert Key(Work.CHILDREN, UID, second) in keys
 
 
 def test_an_app_without_a_matrix_waits_for_nobody() -> None:

@@ -25,8 +25,9 @@ MOST_IN_FULL: Final = 5
 MOST_LISTED: Final = 200
 MOST_EVENTS: Final = 20
 SUSPENDED: Final = "suspended"
+DONE: Final = "done"
 _GOOD_WHEN_FALSE: Final = frozenset({ConditionType.PROGRESSING, ConditionType.STALLED})
-_WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED})
+_WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED, Phase.COMPLETED})
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,9 @@ class ConditionRow:
 
 @dataclass(frozen=True, slots=True)
 class ComponentRow:
-    """One component. `state` is its word in column Ready: yes, no, or suspended (by `replicas: 0`, or with its app), and `colour` the word's."""
+    """One component. `state` is its word in column Ready: yes, no, done (its job has completed), or suspended (by `replicas: 0`, or with its
+    app), and `colour` the word's.
+    """
 
     name: str
     node: str
@@ -53,15 +56,18 @@ class ComponentRow:
     message: str
     moved_at: str = ""
     moves: int = 0
+    is_job: bool = False
+    """Its program ends."""
 
     @property
-    def is_suspended(self) -> bool:
-        return self.state == SUSPENDED
+    def wants_node(self) -> bool:
+        """Returns whether it runs or is to run: not while it is suspended, nor after its job has completed."""
+        return self.state not in (SUSPENDED, DONE)
 
     @property
     def place(self) -> str:
-        """Returns the node in words; a suspended component waits for none."""
-        return self.node or ("none" if self.is_suspended else "waits")
+        """Returns the node in words."""
+        return self.node or ("waits" if self.wants_node else "none")
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +133,8 @@ class AppView:
     phase: str
     colour: str
     facts: tuple[tuple[str, str], ...]
+    is_sweep: bool
+    """Its instances are runs, and have no robots."""
     outdated: bool
     """The operator has not seen the latest change yet."""
     problems: tuple[Problem, ...]
@@ -151,6 +159,7 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
     chosen = [item for item in instances if item.spec.instance == robot] if robot else instances[:MOST_IN_FULL]
     several = len(instances) > 1
     builder = _InstanceBuilder(snapshot, app)
+    has_jobs = any(component.job is not None for component in app.spec.components)
     return AppView(
         clean(namespace, 63),
         clean(name, 63),
@@ -161,6 +170,7 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
         clean(app.status.phase or Phase.PENDING, 32),
         colour_phase(app.status.phase),
         _list_facts(app),
+        app.spec.matrix is not None,
         app.status.observed_generation != app.metadata.generation,
         tuple(list_troubled(app)),
         tuple(_build_condition(condition) for condition in app.status.conditions),
@@ -169,7 +179,7 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
         max(0, len(instances) - MOST_LISTED),
         clean(robot, 63),
         bool(robot) and not chosen,
-        _list_commands(namespace, name, robot, is_suspended=app.spec.suspend),
+        _list_commands(namespace, name, robot, has_jobs=has_jobs, is_suspended=app.spec.suspend),
         snapshot.list_refusals("robotapps", "robotappinstances", "nodes", "nodetelemetries"),
     )
 
@@ -190,8 +200,10 @@ def _order_instances(app: App, instances: Iterable[Instance]) -> list[Instance]:
 
 def _list_facts(app: App) -> tuple[tuple[str, str], ...]:
     summary, counts = app.status.summary, app.status.instance_counts
+    is_sweep = app.spec.matrix is not None
     facts = [
-        ("components ready", summary.ready),
+        ("runs" if is_sweep else "components ready", summary.ready),
+        ("runs at work", str(counts.ready or "") if is_sweep else ""),
         ("robots ready", summary.robots if summary.robots != "-" else ""),
         ("domain", summary.domain),
         ("worst time / budget", summary.budget),
@@ -199,7 +211,7 @@ def _list_facts(app: App) -> tuple[tuple[str, str], ...]:
         ("middleware", summary.rmw),
         ("discovery", summary.discovery),
     ]
-    words = ("offline", "completed", "failed")
+    words = ("offline",) if is_sweep else ("offline", "completed", "failed")
     facts += [(f"instances {word}", str(getattr(counts, word) or "")) for word in words]
     return tuple((label, clean(value, 64)) for label, value in facts if value)
 
@@ -228,6 +240,7 @@ class _InstanceBuilder:
         estimates = ZoneEstimates(read_zones(snapshot.nodes), snapshot.round_trips)
         spec = expand_struct(app.spec)
         self._suspended = frozenset(item.name for item in spec.components if item.replicas == 0 or spec.suspend)
+        self._jobs = frozenset(item.name for item in spec.components if item.job is not None)
         self._edges = EdgeReader(spec.edges, estimates, snapshot.round_trips, self._suspended)
 
     def build(self, instance: Instance, *, is_drawn: bool) -> InstanceView:
@@ -236,7 +249,12 @@ class _InstanceBuilder:
         robot_node = self._find_robot_node(instance)
         nodes = {component.name: component.node for component in status.components} | {ROBOT_END: robot_node}
         components = tuple(
-            _build_component(item, moves.get(item.name, ()), is_suspended=item.name in self._suspended)
+            _build_component(
+                item,
+                moves.get(item.name, ()),
+                is_suspended=item.name in self._suspended,
+                is_job=item.name in self._jobs,
+            )
             for item in status.components
         )
         edges = self._edges.build_rows(status.edges, nodes)
@@ -288,9 +306,13 @@ class _InstanceBuilder:
         return draw_picture(title, parts, edges, lane_of=find_lane, are_tiers_known=are_tiers_known)
 
 
-def _build_component(component: ComponentStatus, moves: tuple[str, ...], *, is_suspended: bool) -> ComponentRow:
+def _build_component(
+    component: ComponentStatus, moves: tuple[str, ...], *, is_suspended: bool, is_job: bool
+) -> ComponentRow:
     state, colour = ("yes", "good") if component.ready else ("no", "bad" if component.node else "busy")
-    if is_suspended and not component.node:  # with a node its pod still ends
+    if component.completed:
+        state = DONE
+    elif is_suspended and not component.node:  # with a node its pod still ends
         state, colour = SUSPENDED, "idle"
     return ComponentRow(
         clean(component.name, 63),
@@ -301,6 +323,7 @@ def _build_component(component: ComponentStatus, moves: tuple[str, ...], *, is_s
         clean(component.message),
         max(moves, default=""),
         len(moves),
+        is_job,
     )
 
 
@@ -325,11 +348,13 @@ def _build_line(instance: Instance, namespace: str, name: str) -> InstanceLine:
     )
 
 
-def _list_commands(namespace: str, name: str, robot: str, *, is_suspended: bool) -> tuple[Command, ...]:
+def _list_commands(namespace: str, name: str, robot: str, *, has_jobs: bool, is_suspended: bool) -> tuple[Command, ...]:
     in_namespace = ("-n", namespace)
     on_robot = ("--robot", robot) if robot else ()
     selector = f"{Label.APP}={name}" + (f",{Label.INSTANCE}={robot}" if robot else "")
     words, value = ("start its pods again", "false") if is_suspended else ("stop all its pods", "true")
+    line = ("robotapp", "runs", name, *in_namespace)
+    runs = (Command("its runs", kubectl(*line)), Command("failed runs once more", kubectl(*line, "--failed")))
     return (
         Command(
             "conditions, edges and events on a terminal", kubectl("robotapp", "info", name, *in_namespace, *on_robot)
@@ -342,6 +367,7 @@ def _list_commands(namespace: str, name: str, robot: str, *, is_suspended: bool)
             kubectl("logs", *in_namespace, "-l", selector, "--all-containers", "--prefix", "-f"),
         ),
         Command("its pods", kubectl("get", "pods", *in_namespace, "-l", selector, "-o", "wide")),
+        *(runs if has_jobs else ()),
         Command("the objects made of it", kubectl("robotapp", "render", name, *in_namespace)),
         Command("restart its components", kubectl("rollout", "restart", "deployment", *in_namespace, "-l", selector)),
         Command(

@@ -111,7 +111,7 @@ class RobotAppSpec(Model):
             path=".components",
         ),
         Rule(
-            rule=f"!has(self.completion) || {_JOBS}.size() > 0",
+            rule=f"!has(self.completion) || has(self.matrix) || {_JOBS}.size() > 0",
             message="completion is about components that end, and none does; write job: {} in one, or remove completion",
             path=".completion",
         ),
@@ -145,11 +145,11 @@ class RobotAppSpec(Model):
         ),
         Rule(
             rule=f"!has(self.matrix) || {_JOBS}.size() > 0",
-            message="an instance of a sweep ends with its components that have job, and none has it, so later instances would wait for ever; write job: {} in the component whose program ends",
+            message="an instance of a sweep ends with its components that have job, and none has it, so later ones would wait for ever; write job: {} where the program ends, and completion: {} if others run on",
             path=".components",
         ),
         Rule(
-            rule="!has(self.matrix) || has(self.completion) || (!has(self.recordings) && self.components.all(c, has(c.job)))",
+            rule=f"!has(self.matrix) || has(self.completion) || {_JOBS}.size() == 0 || (!has(self.recordings) && self.components.all(c, has(c.job)))",
             message="an instance of a sweep would not end, because it has components or recordings that run on; write completion: {} to end it with its jobs",
             path=".completion",
         ),

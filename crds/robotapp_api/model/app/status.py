@@ -48,7 +48,8 @@ class Summary(Observed):
     """Values combined for the columns of kubectl get."""
 
     ready: ReadyText = ""
-    """Ready and desired components, such as 3/3; "3/3 (1 held)" while a template of a newer operator holds an edit back."""
+    """Ready and desired components, such as 3/3; "3/3 (1 held)" while a template of a newer operator holds an edit back. Of a sweep the
+    runs that have completed, such as "37/200 done, 1 failed"."""
     robots: PairText = ""
     """Ready and chosen robots, such as 1/1; a dash without robots."""
     domain: ShortText = ""

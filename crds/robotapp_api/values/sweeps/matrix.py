@@ -78,16 +78,35 @@ def parallelism_of(matrix: Json) -> int:
     return parallelism if isinstance(parallelism, int) else DEFAULT_PARALLELISM
 
 
+def limit_domains(parallelism: int, available: int) -> int:
+    """Returns how many domains a sweep holds at most, those that rest after a run included: half of what is available to its namespace,
+    or all that run at once where these are more. A domain rests for a minute after its use, so a sweep of short runs would take the
+    whole pool otherwise.
+    """
+    return max(1, min(max(parallelism, available // 2), available))
+
+
 def choose_admitted(
-    names: Sequence[str], *, parallelism: int, begun: frozenset[str], finished: frozenset[str]
+    names: Sequence[str],
+    *,
+    parallelism: int,
+    begun: frozenset[str],
+    finished: frozenset[str],
+    resting: int = 0,
+    available: int | None = None,
 ) -> frozenset[str]:
-    """Returns the unfinished instances that may run: those that have begun, then the first others, up to `parallelism`.
+    """Returns the unfinished instances that may run: those that have begun, then the first others, up to `parallelism` and as long as
+    the sweep holds no more domains than `limit_domains`.
 
     One that has begun is never stopped by a smaller number, it only keeps later ones waiting. names: all instances in their order.
+    resting: domains that ended instances hold still. available: domains that the namespace may have, None where instances need none.
     """
     begun_names = [name for name in names if name in begun and name not in finished]
     later_names = [name for name in names if name not in begun and name not in finished]
-    return frozenset([*begun_names, *later_names[: max(0, parallelism - len(begun_names))]])
+    room = parallelism - len(begun_names)
+    if available is not None:
+        room = min(room, limit_domains(parallelism, available) - len(begun_names) - resting)
+    return frozenset([*begun_names, *later_names[: max(0, room)]])
 
 
 def _parameters(matrix: Json) -> Sequence[Json]:

@@ -1,29 +1,43 @@
 """`scripts/bench reference`: outcomes of several short runs become one report, and its tables go between the marks of a page."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from campaigns.common.output import save
 from campaigns.reference import reference
-from campaigns.reference.catalogue import SCENARIOS
+from campaigns.reference.catalogue import (
+    CLOUD,
+    EDGE,
+    OFF_BOARD_NODES,
+    ROBOT,
+    SCENARIOS,
+    SENSOR,
+    list_delays,
+    merge_nodes,
+)
 from campaigns.reference.placement import Placement
 from campaigns.reference.profiles import infer
 from campaigns.reference.report import (
     PLACEMENT_MARKS,
     PROFILE_MARKS,
+    SHARE_MARKS,
     TRIAL_MARKS,
     Report,
+    append_line,
     describe_figure,
     list_broken,
     read_report,
     tabulate_placements,
     tabulate_profiles,
+    tabulate_shares,
     tabulate_trials,
     write_page,
 )
 from campaigns.reference.running_app import read_time
-from campaigns.reference.trials import Trial, find_recall
+from campaigns.reference.trials.detection import find_recall
+from campaigns.reference.trials.trial import Trial
 
 OURS, THEIRS = "robotapp", "kube-scheduler"
 
@@ -35,18 +49,22 @@ def placement(
     return Placement(app, scheduler, repetition, nodes, {"a": True, "b": is_kept}, {}, ["LatencyFilter"])
 
 
-def trial(app: str = "teleop-ros2", scheduler: str = OURS, broken: str = "") -> Trial:
-    return Trial(app, scheduler, "link cut 10 s", nodes={"robot": "amr-07"}, figures={"p50_ms": 4.9}, broken=broken)
+def trial(app: str = "teleop-ros2", scheduler: str = OURS, broken: str = "", fault: str = "link cut 10 s") -> Trial:
+    return Trial(app, scheduler, fault, nodes={"robot": "amr-07"}, figures={"p50_ms": 4.9}, broken=broken)
 
 
 def test_a_later_run_replaces_the_same_outcome_and_keeps_the_others(tmp_path: Path) -> None:
     path, first, second = tmp_path / "report.json", Report(), trial(broken="stopped late")
-    for outcome in (trial(), trial(scheduler=THEIRS), second):
+    for outcome in (trial(), trial(scheduler=THEIRS), trial(fault="robot offline 60 s"), second):
         first.note_trial(outcome)
     first.note_placement(placement())
     save(path, first.to_json())
     report = read_report(path)
-    assert report.trials == [trial(scheduler=THEIRS), second]
+    assert report.trials == [trial(scheduler=THEIRS), trial(fault="robot offline 60 s"), second]
+    assert report.has_trial("teleop-ros2", THEIRS, "link cut 10 s")
+    assert not report.has_trial("teleop-ros1", THEIRS, "link cut 10 s")
+    assert report.has_placement("teleop-ros2", OURS, 0)
+    assert not report.has_placement("teleop-ros2", OURS, 1)
     assert [p.kept for p in report.placements] == [2]
     assert read_report(tmp_path / "none.json") == Report()
 
@@ -68,6 +86,30 @@ def test_placements_are_counted_over_their_repetitions() -> None:
 def test_a_trial_that_was_not_kept_has_one_line_of_why() -> None:
     row = tabulate_trials([trial(broken="it stops: not within 90 s; robot printed last: x\nNAME READY")])[0]
     assert row[-1] == "not kept: it stops: not within 90 s"
+
+
+def test_trials_are_listed_by_application_fault_and_scheduler_beside_the_figures_of_the_thesis() -> None:
+    trials = [trial(scheduler=THEIRS), trial(fault="robot offline 60 s"), trial(), trial(app="teleop-ros1")]
+    rows = tabulate_trials(trials)
+    assert [row[:3] for row in rows] == [
+        ["teleop-ros1", "link cut 10 s", OURS],
+        ["teleop-ros2", "link cut 10 s", OURS],
+        ["teleop-ros2", "link cut 10 s", THEIRS],
+        ["teleop-ros2", "robot offline 60 s", OURS],
+    ]
+    assert [row[6].split(",")[0] for row in rows] == ["-", "mean 0.66 ms", "mean 0.71 ms", "mean 0.66 ms"]
+
+
+def test_each_trial_is_a_line_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "runs.jsonl"
+    for outcome in (trial(), trial(broken="stopped late")):
+        append_line(path, outcome)
+    assert [json.loads(line)["broken"] for line in path.read_text().splitlines()] == ["", "stopped late"]
+
+
+def test_shares_of_right_placements_stand_beside_each_other() -> None:
+    placements = [placement(), placement(repetition=1), placement(scheduler=THEIRS, is_kept=False)]
+    assert tabulate_shares(placements) == [["teleop-ros2", "2/2", "0/1", "b"]]
 
 
 def test_the_thesis_has_profiles_of_ros_2_alone() -> None:
@@ -100,10 +142,23 @@ def test_the_tables_of_a_page_are_replaced_and_the_rest_stays() -> None:
     assert written.count("between") == 3
     assert written.count("old") == 1, "there is no trial: that table stays"
     assert write_page(report, written) == written
+    begin, end = SHARE_MARKS
+    assert "| teleop-ros2 | 1/1 |" in write_page(report, f"{begin}\n{end}"), (
+        "a page has the tables that it has marks of"
+    )
+
+
+def test_a_page_names_the_day_and_the_commands_of_its_trials() -> None:
+    begin, end = TRIAL_MARKS
+    outcome = trial()
+    outcome.began_at = "2026-11-29T11:50:00+00:00"
+    command = "scripts/bench reference --real --app teleop"
+    page = write_page(Report([command, "scripts/bench reference"], trials=[outcome]), f"{begin}\n{end}")
+    assert f"Made on 2026-11-29 by `{command}`." in page
 
 
 def test_a_command_is_shown_without_its_files() -> None:
-    shown = reference._command(["--app", "fleet", "--json", "out.json", "--real"])
+    shown = reference._command(["--app", "fleet", "--json", "out.json", "--lines", "runs.jsonl", "--real"])
     assert shown == "scripts/bench reference --app fleet --real"
 
 
@@ -119,4 +174,15 @@ def test_recall_is_over_all_pictures() -> None:
 def test_every_scenario_has_links_between_its_real_nodes() -> None:
     for scenario in SCENARIOS.values():
         names = {node.name for node in scenario.nodes}
-        assert {name for pair in scenario.delays for name in pair} == names
+        assert {name for pair in list_delays(names) for name in pair} == names
+
+
+def test_one_cluster_has_the_nodes_and_devices_of_all_scenarios() -> None:
+    nodes = {node.name: node for node in merge_nodes(list(SCENARIOS.values()), OFF_BOARD_NODES)}
+    assert {ROBOT, EDGE, CLOUD} < nodes.keys()
+    assert len(nodes) == 6
+    assert [*nodes[ROBOT].devices] == [SENSOR]
+    detection = SCENARIOS["detection"]
+    assert [node.name for node in merge_nodes([detection], OFF_BOARD_NODES)] == [ROBOT, EDGE, CLOUD]
+    assert detection.list_hosts(nodes) == [ROBOT, CLOUD, EDGE]
+    assert detection.list_hosts([ROBOT, EDGE]) == [ROBOT, EDGE]

@@ -58,9 +58,11 @@ class Plan:
     deletes: tuple[Observed, ...] = ()
     held: tuple[Held, ...] = ()
     foreign: tuple[str, ...] = ()
+    outlived: frozenset[str] = frozenset()
+    """Uids of those of `deletes` that stay until their last pod has ended, because a successor of another kind is made then."""
 
     def __bool__(self) -> bool:
-        """Is there anything to write?"""
+        """Returns whether there is anything to write."""
         return bool(self.changes or self.deletes)
 
 
@@ -151,15 +153,18 @@ def plan(
     restarts: list[Change] = []
     foreign: list[str] = []
     replaced: list[Observed] = []
+    changed_kind = [item for item in observed.values() if _has_changed_kind(app, item)]
+    ending = {item.metadata.labels.get(Label.COMPONENT, "") for item in changed_kind}
     for child in wanted:
         over = observed.get(child.ref)
         if over is None:
-            changes.append(Change(child, None))
+            if child.component not in ending or child.ref.kind == SERVICE:
+                changes.append(Change(child, None))
         elif over.metadata.controller_uid != app.uid:
             foreign.append(f"{child.ref.kind} {child.ref.name}")
+        elif over.metadata.deletion_timestamp is not None and not isinstance(over, Service):
+            continue  # its successor is made when its last pod has ended
         elif isinstance(over, Job):
-            if over.is_deleting:
-                continue  # its successor is made when its last pod has ended
             if must_replace(app, child, over, version=version) or must_delete(app, child, over, progress):
                 replaced.append(over)
             elif (job_spec := _change_job(app, child, over, progress)) is not None:
@@ -184,7 +189,18 @@ def plan(
     names = {child.ref for child in wanted}
     unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
     deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]
-    return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign))
+    outlived = frozenset(item.metadata.uid for item in changed_kind)
+    return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign), outlived)
+
+
+def _has_changed_kind(app: App, item: Observed) -> bool:
+    """Returns whether a Deployment's component is a job by now, or the reverse: two kinds have no rule between them that keeps a pod
+    of the one from running beside a pod of the other, and not every scheduler waits for a predecessor.
+    """
+    if isinstance(item, Service) or item.metadata.controller_uid != app.uid:
+        return False
+    is_job = {component.name: component.job is not None for component in app.spec.components}
+    return is_job.get(item.metadata.labels.get(Label.COMPONENT, ""), isinstance(item, Job)) != isinstance(item, Job)
 
 
 def _change_job(app: App, child: Child, job: Job, progress: Progress) -> dict[str, Any] | None:
@@ -209,7 +225,7 @@ def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tupl
 
 
 def _may_be_named(app: App, item: Observed, held: Sequence[Held], version: str) -> bool:
-    """May a template that stays as another version rendered it need this object, a Service or infrastructure?
+    """Returns whether a template that stays as another version rendered it may need this object, a Service or infrastructure.
 
     Its pods would start without discovery. The Services go with the last template that is held.
     """
@@ -234,7 +250,7 @@ def _wants_pods(item: Deployment | Job) -> bool:
 
 
 def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]]) -> bool:
-    """Does `over` hold what `child` wants? The version that rendered it is no difference."""
+    """Returns whether `over` holds what `child` wants. The version that rendered it is no difference."""
     meta = over.metadata
     if meta.annotations.get(Annotation.CONTENT_HASH) != child.hash or not covers(meta.labels, child.labels):
         return False
@@ -244,7 +260,7 @@ def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]
 
 
 def _has_records(child: Child, over: Observed) -> bool:
-    """Whether what `child` records is written on `over`; it stands in annotations, so writing it starts no pod."""
+    """Returns whether what `child` records is written on `over`; it stands in annotations, so writing it starts no pod."""
     return child.annotations.items() <= over.metadata.annotations.items()
 
 

@@ -95,16 +95,28 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime, statu
     )
 
 
-def list_admitted(app: App, jobs: Mapping[str, Iterable[Job]], running: Collection[str]) -> frozenset[str]:
+def list_admitted(
+    app: App,
+    jobs: Mapping[str, Iterable[Job]],
+    running: Collection[str],
+    *,
+    holding: Collection[str] = (),
+    available: int | None = None,
+) -> frozenset[str]:
     """Returns the instances of a sweep that may run now. jobs: those of each instance. running: instances with Deployments or Jobs.
+    holding: instances with a domain. available: domains that the app's namespace may have, None where its instances need none.
 
     Whose time is over counts as running until its jobs have ended.
     """
     begin = datetime.min.replace(tzinfo=UTC)
     finished = {name for name, items in jobs.items() if judge_progress(app, items, now=begin).ending is not None}
-    parallelism = app.spec.matrix.parallelism if app.spec.matrix else 0
     return choose_admitted(
-        [*app.sweep], parallelism=parallelism, begun=frozenset(running), finished=frozenset(finished)
+        [*app.sweep],
+        parallelism=app.spec.matrix.parallelism if app.spec.matrix else 0,
+        begun=frozenset([*running, *holding]),
+        finished=frozenset(finished),
+        resting=sum(name in finished or name not in app.sweep for name in holding),
+        available=available,
     )
 
 

@@ -36,6 +36,10 @@ RESOURCES: Final[Mapping[str, Any]] = {
 """A discovery server or Zenoh router has about 20 MiB, a roscore with its rosout about 130 MiB."""
 WRITABLE: Final = ({"name": "HOME", "value": "/tmp"}, {"name": "ROS_HOME", "value": "/tmp/ros"})  # noqa: S108 - within the container
 """A user without an entry in the image's passwd has `/` as home, where ROS tools cannot keep their logs."""
+QUICK_END: Final[Mapping[str, Any]] = {"terminationGracePeriodSeconds": 2}
+"""For helpers that are scripts (`fastdds discovery`, `ros2 run`): the first process of a container ignores a SIGTERM that it does
+not handle, so a RobotApp that is deleted would keep its domain for the 30 s that are the default. They hold nothing to save.
+"""
 _RESTRICTED: Final[Mapping[str, Any]] = {
     "allowPrivilegeEscalation": False,
     "capabilities": {"drop": ["ALL"]},
@@ -52,11 +56,11 @@ def render_helper(
     home: str,
     node: str = "",
     image_of: Component | None = None,
-    identity: Mapping[str, str] = {},
+    pod_fields: Mapping[str, Any] = {},
 ) -> dict[str, Any]:
     """Returns the pod template of a helper. home: the robot it stays with, "" for none. node: where it must run.
 
-    image_of: the component whose image it runs, and therefore its user. identity: the pod's `hostname` and `subdomain`.
+    image_of: the component whose image it runs, and therefore its user. pod_fields: more fields of its pod, such as `hostname`.
     """
     template = desired.app.helper_template
     spec = {
@@ -72,7 +76,7 @@ def render_helper(
         "affinity": _choose_affinity(desired, labels, home=home, node=node),
         "tolerations": _collect_tolerations(desired, home=home),
         "nodeSelector": shared_node_selector(desired) | unpacked(template.spec.node_selector),
-        **identity,
+        **pod_fields,
         **scheduling_gates(desired),
     }
     annotations = _share_entries(desired, "annotations") | template.metadata.annotations

@@ -7,7 +7,7 @@ from robotapp_api.model.names import Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, role_labels
 from robotapp_operator.plan.render.deployments import deployment_spec
 from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, MASTER_PORT, ZENOH_PORT, own_address
-from robotapp_operator.plan.render.helper_pods import render_helper
+from robotapp_operator.plan.render.helper_pods import QUICK_END, render_helper
 from robotapp_operator.plan.render.services import DISCOVERY, outside_service, role_service, servers_service
 from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired
 from robotapp_operator.plan.spec.links import OUTSIDE
@@ -75,8 +75,8 @@ def _server(desired: Desired, index: int, *, running: bool) -> Child:
         _listen_on_ipv6(container)
     # The first server stays with the robot, so that its components find each other while it is out of reach.
     home = desired.robot_name if index == 0 else ""
-    identity = {"hostname": desired.server_hosts[index], "subdomain": desired.servers_service}
-    template = render_helper(desired, container, labels, home=home, identity=identity)
+    pod_fields = {**QUICK_END, "hostname": desired.server_hosts[index], "subdomain": desired.servers_service}
+    template = render_helper(desired, container, labels, home=home, pod_fields=pod_fields)
     return _deployment(desired, SERVERS[index], labels, template, running=running)
 
 
@@ -112,7 +112,9 @@ def _router(desired: Desired, *, running: bool) -> list[Child]:
         headless=False,
     )
     image_of = None if desired.app.helper_image else first
-    template = render_helper(desired, container, labels, home=desired.robot_name, image_of=image_of)
+    template = render_helper(
+        desired, container, labels, home=desired.robot_name, image_of=image_of, pod_fields=QUICK_END
+    )
     return [_deployment(desired, ROUTER, labels, template, running=running), service]
 
 

@@ -277,6 +277,12 @@ class App:
         return tuple((other.namespace or self.namespace, other.name) for other in others)
 
     @property
+    def takes_domains(self) -> bool:
+        """Returns whether each instance takes a domain of its own: those that share one, or use the shared ids of the pool, take none."""
+        isolation = self.spec.ros2.isolation if self.spec.ros2 else "Domain"
+        return self.ros_version == 2 and isolation == "Domain" and not self.share_with
+
+    @property
     def wants_devices(self) -> bool:
         return any(component.devices for component in self.spec.components)
 

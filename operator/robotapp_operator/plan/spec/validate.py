@@ -17,7 +17,7 @@ from robotapp_api.values.component_references import (
 )
 from robotapp_api.values.overrides import merge_component, select_overrides
 from robotapp_api.values.references import has_reference, reference_values
-from robotapp_claims.rules.domain import DomainRequest, pool_ids, quota_of, withheld
+from robotapp_claims.rules.domain import DomainRequest, count_available, withheld
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import closed_nodes, robot_of
 from robotapp_claims.rules.objects import Claim, Pool
@@ -90,12 +90,10 @@ def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
 
 
 def _sweep_note(app: App, pool: Pool) -> str:
-    """That fewer instances of a sweep run at once than are to, because each takes a domain; "" where all have one."""
-    isolation = app.spec.ros2.isolation if app.spec.ros2 else "Domain"
-    if app.spec.matrix is None or app.ros_version != 2 or app.share_with or isolation != "Domain":
+    """Returns that fewer instances of a sweep run at once than are to, because each takes a domain; "" where all have one."""
+    if app.spec.matrix is None or not app.takes_domains:
         return ""
-    quota, ids = quota_of(pool, app.namespace), len(pool_ids(pool))
-    limit = ids if quota is None else min(ids, quota)
+    limit = count_available(pool, app.namespace)
     count = min(app.spec.matrix.parallelism, len(app.sweep))
     if count <= limit:
         return ""

@@ -10,32 +10,16 @@ from robotapp_api.model.names import QUEUE_NAME, Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
 from robotapp_claims.rules.completion.endings import Ending
 from robotapp_operator.plan.diff.attempts import FIRST, Attempt
-from robotapp_operator.plan.spec.objects import (
-    ContainerStatus,
-    Deployment,
-    Job,
-    ObjectCondition,
-    Pod,
-    Terminated,
-    pod_spec,
-)
+from robotapp_operator.plan.spec.objects import Deployment, Job, Pod, pod_spec
+from robotapp_operator.plan.status.pods.pod_failures import explain_exit, explain_pods, find_last_exit, quote
 
 MAX_COMPONENT_CHARACTERS: Final = 1024
 """Of one message; every status clips it further."""
-MAX_WARNING_CHARACTERS: Final = 512
 NO_FAILURES: Final[Mapping[str, str]] = {}
 MAX_RESTARTS: Final = 2**31 - 1
 SERVER_LEAD_S: Final = 60
 """Servers and components of one start are made together; a minute apart means that the servers are newer."""
 STOP: Final = "Stop"
-_PULLING = frozenset(
-    {"ErrImagePull", "ImagePullBackOff", "InvalidImageName", "ErrImageNeverPull", "RegistryUnavailable"}
-)
-_CONFIG = frozenset({"CreateContainerConfigError", "CreateContainerError"})
-_NOT_STARTED: Final = frozenset({"RunContainerError", "StartError", "ContainerCannotRun"})
-"""The program could not be started at all: while the kubelet tries, in containerd's and in Docker's last state."""
-_WRITE_JOB: Final = "its program ends by itself, and a component runs on: write job: {} in it if it is to end"
-_RUNTIME_STEPS: Final = ("unable to start container process: ", "error during container init: ")
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +53,7 @@ class ComponentView:
 
     @property
     def badness(self) -> int:
-        """0 for ready; worst is what fails by itself, then what finds no node, perhaps because of that, then what starts."""
+        """Returns 0 for ready; worst is what fails by itself, then what finds no node, perhaps because of that, then what starts."""
         if self.ready or self.suspended or self.completed:
             return 0
         return {None: 1, Reason.UNSCHEDULABLE: 2}.get(self.reason, 3)
@@ -139,7 +123,7 @@ def component_view(
     replicas = deployment.replicas
     up_to_date = deployment.is_up_to_date(replicas)
     ready = up_to_date and deployment.status.ready_replicas == replicas > 0
-    reason, message = (None, "") if ready else _failure(deployment, pods, live, barred)
+    reason, message = (None, "") if ready else _explain_deployment(deployment, pods, live, barred)
     if missing and not ready and reason is None:  # the kubelet waits for the object and reports that in an event only
         reason, message = Reason.FAILED_CREATE, _describe_missing(missing)
     failed = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
@@ -169,7 +153,7 @@ def component_view(
         restarts=min(MAX_RESTARTS, sum(one.restart_count for pod in live for one in pod.status.container_statuses)),
         reason=reason,
         message=(message or wait)[:MAX_COMPONENT_CHARACTERS],
-        given_up=_given_up(live),
+        given_up=_list_given_up(live),
         suspended=component.replicas == 0,
         waits=bool(wait),
     )
@@ -205,7 +189,7 @@ def job_view(
     elif job.verdict is not None:
         reason, message = _explain_end_of_job(job, pods, ending)
     elif not ready:
-        reason, message = _pods_failure(pods, live, barred)
+        reason, message = explain_pods(pods, live, barred)
         texts = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
         if reason is None and (missing or texts):
             reason, message = Reason.FAILED_CREATE, texts[0] if texts else _describe_missing(missing)
@@ -229,7 +213,7 @@ def job_view(
         restarts=min(MAX_RESTARTS, sum(pod.status.phase == "Failed" for pod in pods)),
         reason=reason,
         message=(message or wait or ("" if ready or completed else attempt.message))[:MAX_COMPONENT_CHARACTERS],
-        given_up=_given_up(live),
+        given_up=_list_given_up(live),
         suspended=component.replicas == 0,
         waits=bool(wait),
         is_job=True,
@@ -253,32 +237,22 @@ def _explain_end_of_job(job: Job, pods: Sequence[Pod], ending: Ending | None) ->
     if ending is not None and not is_cause and verdict is not None and verdict.reason == "DeadlineExceeded":
         return None, f"ended with its instance ({ending.reason})"
     why = f"{verdict.reason}: {verdict.message}" if verdict is not None else "failed"
-    last = _last_exit(pods)
-    code = f", last with exit code {last.exit_code} ({last.reason}){_quote(last)}" if last else ""
+    last = find_last_exit(pods)
+    code = f", last with exit code {last.exit_code} ({last.reason}){quote(last)}" if last else ""
+    app = job.metadata.labels.get(Label.APP, "")
     return Reason.JOB_FAILED, (
-        f"{why}{code}; see kubectl logs job/{name}; an edit of the component runs the job again, and so does kubectl delete job {name}"
+        f"{why}{code}; see kubectl logs job/{name}; kubectl robotapp runs {app} --failed runs it again, and so does an edit of the component"
     )
-
-
-def _last_exit(pods: Sequence[Pod]) -> Terminated | None:
-    """Returns how the newest container that failed has ended."""
-    failures = [
-        container.state.terminated
-        for pod in pods
-        for container in (*pod.status.init_container_statuses, *pod.status.container_statuses)
-        if container.state.terminated is not None and container.state.terminated.exit_code != 0
-    ]
-    return max(failures, key=lambda failure: failure.finished_at or "", default=None)
 
 
 def _describe_attempts(job: Job, pods: Sequence[Pod]) -> str:
     """Returns how often the program of a job has failed so far; "" for the first attempt."""
     count = sum(pod.status.phase == "Failed" for pod in pods)
-    last = _last_exit(pods)
+    last = find_last_exit(pods)
     if not count or last is None:
         return ""
     attempts = job.spec.get("backoffLimit", 0) + 1
-    return f"{count} of {attempts} attempts failed, last with exit code {last.exit_code} ({last.reason}){_quote(last)}"
+    return f"{count} of {attempts} attempts failed, last with exit code {last.exit_code} ({last.reason}){quote(last)}"
 
 
 def _view_missing(component: Part, wait: str) -> ComponentView:
@@ -296,18 +270,18 @@ def _view_missing(component: Part, wait: str) -> ComponentView:
     )
 
 
-def _given_up(pods: Sequence[Pod]) -> tuple[GivenUp, ...]:
-    """Annotations that are not what the scheduler writes count for nothing: others may write them, too."""
-    found = []
+def _list_given_up(pods: Sequence[Pod]) -> tuple[GivenUp, ...]:
+    """Returns what was given up for the pods. Annotations that the scheduler does not write so count for nothing: others may write them, too."""
+    wishes = []
     for pod in pods:
         text = pod.metadata.annotations.get(Annotation.FALLBACK.value, "") if pod.spec.node_name else ""
         with suppress(ValueError):
-            found += [parse_given_up(text)] if text else []
-    return tuple(found)
+            wishes += [parse_given_up(text)] if text else []
+    return tuple(wishes)
 
 
 def cut_off(servers: Sequence[Pod], clients: Sequence[Pod]) -> tuple[str, ...]:
-    """Deployments' pods that were made well before every discovery server there is now.
+    """Returns the Deployments' pods that were made well before every discovery server there is now.
 
     A client keeps the address it resolved at its start; once all servers were replaced it hears of no late joiner.
     """
@@ -329,64 +303,8 @@ def _created(pod: Pod) -> datetime:
     return datetime.fromisoformat(text) if text else datetime.max.replace(tzinfo=UTC)
 
 
-class PodWarning(NamedTuple):
-    """An event of type Warning about a pod."""
-
-    reason: str
-    note: str
-
-
-_BEFORE_CONTAINERS: Final = frozenset(
-    {
-        "FailedMount",
-        "FailedAttachVolume",
-        "FailedMapVolume",
-        "FailedCreatePodSandBox",
-        "FailedToRetrieveImagePullSecret",
-        "FailedPrepareDynamicResources",
-    }
-)
-"""Reasons of the kubelet's and the volume controller's events about what a pod needs before its containers start."""
-_ABSENT: Final = ("not found", "non-existent", "Unable to retrieve some image pull secrets")
-_CREATING: Final = frozenset({"ContainerCreating", "PodInitializing"})
-
-
-def awaits_containers(pod: Pod) -> bool:
-    """Whether the pod is on a node and its containers are not made yet, or their image does not come: only its events tell why."""
-    if pod.terminal or pod.metadata.deletion_timestamp or not pod.spec.node_name:
-        return False
-    statuses = (*pod.status.init_container_statuses, *pod.status.container_statuses)
-    waiting = [status.state.waiting.reason for status in statuses if status.state.waiting]
-    return any(reason in _PULLING for reason in waiting) or awaits_sandbox(pod)
-
-
-def awaits_sandbox(pod: Pod) -> bool:
-    """Whether volumes, devices or network of the pod are not there yet, as its kubelet reports it: no image is pulled before."""
-    statuses = (*pod.status.init_container_statuses, *pod.status.container_statuses)
-    waiting = [status.state.waiting.reason for status in statuses if status.state.waiting]
-    mounted = any(
-        condition.type == "PodReadyToStartContainers" and condition.status == "True"
-        for condition in pod.status.conditions
-    )
-    # Without a status no kubelet has seen it, so there is no event either.
-    return bool(statuses) and not mounted and len(waiting) == len(statuses) and _CREATING.issuperset(waiting)
-
-
-def explain_warnings(warnings: Sequence[PodWarning]) -> str:
-    """Returns why a pod does not get to its containers, "" where nothing says it. warnings: newest first.
-
-    A sentence that names an absent object comes before others: after two minutes the kubelet reports a mere timeout as well.
-    """
-    telling = [warning for warning in warnings if warning.reason in _BEFORE_CONTAINERS]
-    absent = [warning for warning in telling if any(words in warning.note for words in _ABSENT)]
-    for warning in (*absent, *telling):
-        cure = "; create it, or write optional: true" if warning in absent and warning.reason == "FailedMount" else ""
-        return f"{warning.reason}: {' '.join(warning.note.split())[:MAX_WARNING_CHARACTERS]}{cure}"
-    return ""
-
-
 def over_quota(message: str) -> bool:
-    """Did the API server refuse an object because of the namespace's quota?"""
+    """Returns whether the API server refused an object because of the namespace's quota."""
     return "exceeded quota" in message
 
 
@@ -400,118 +318,14 @@ def _refusal_cure(message: str) -> str:
     return "mend what the API server refuses"
 
 
-def _failure(
+def _explain_deployment(
     deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod], barred: Collection[str]
 ) -> tuple[Reason | None, str]:
-    """The most telling reason why it is not ready: refused pods, then containers, then scheduling."""
+    """Returns the most telling reason why it is not ready: refused pods, then containers, then scheduling."""
     for condition in deployment.status.conditions:
         if condition.type == "ReplicaFailure" and condition.status == "True":
             quota = over_quota(condition.message)
             cure = "raise the quota or lower the requests" if quota else _refusal_cure(condition.message)
             return (Reason.QUOTA_REFUSED if quota else Reason.FAILED_CREATE), f"{condition.message}; {cure}"
-    reason, message = _pods_failure(pods, live, barred)
-    return (reason, message) if reason is not None else (_explain_end(live) or (None, message))
-
-
-def _explain_end(live: Sequence[Pod]) -> tuple[Reason, str] | None:
-    """Returns what is wrong where a program that should run on has ended with exit code 0, None where none has."""
-    for pod in live:
-        for container in pod.status.container_statuses:
-            ended = container.state.terminated
-            if ended is not None and ended.exit_code == 0 and ended.reason not in _NOT_STARTED:
-                return Reason.PROGRAM_ENDED, f"{container.name} has ended with exit code 0{_quote(ended)}; {_WRITE_JOB}"
-    return None
-
-
-def _pods_failure(pods: Sequence[Pod], live: Sequence[Pod], barred: Collection[str]) -> tuple[Reason | None, str]:
-    """Returns why pods are not ready: containers first, then scheduling."""
-    for pod in live:
-        for container in (*pod.status.init_container_statuses, *pod.status.container_statuses):
-            found = _container_failure(container)
-            if found:
-                return found
-    for pod in live:
-        if pod.metadata.uid in barred:
-            return Reason.UNSCHEDULABLE, not_admitted(pod.metadata.namespace)
-        for condition in pod.status.conditions:
-            if condition.type == "PodScheduled" and condition.status == "False":
-                return Reason.UNSCHEDULABLE, _unscheduled(pod, condition)
-    if not live and any(pod.metadata.deletion_timestamp for pod in pods):
-        return None, "waiting until the previous pod has ended"
-    return None, ""
-
-
-def _quote(last: Terminated | None) -> str:
-    """Returns what the container itself left as its last words (terminationMessagePath), in one line."""
-    words = " ".join(last.message.split()) if last else ""
-    return f": {words}" if words else ""
-
-
-def _describe_start_failure(name: str, message: str) -> str:
-    """Returns why the container's program cannot be started, as the runtime says it, without the names of the runtime's own steps."""
-    cause = message.strip()
-    for step in _RUNTIME_STEPS:
-        cause = cause.rpartition(step)[2]
-    cause = cause.removesuffix(": unknown")
-    cure = (
-        "correct run, command or args, or the image; command replaces the image's entry point, which sets up ROS, so write ROS programs under "
-        "run, launch or args"
-        if "executable file not found" in cause or "no such file" in cause
-        else "correct what it names"
-    )
-    return f"{name} cannot be started: {cause}; {cure}"
-
-
-def not_admitted(namespace: str) -> str:
-    """Why a pod keeps our gate. Names neither nodes nor the namespaces that they admit: these are other tenants'."""
-    return (
-        f"no node that it may use admits namespace {namespace}: ask whoever runs the robots to add {namespace} to the node "
-        f"annotation {Annotation.ALLOWED_NAMESPACES}, or write runsOn and nodeSelector for other nodes"
-    )
-
-
-def _unscheduled(pod: Pod, condition: ObjectCondition) -> str:
-    """The scheduler's message; before its first attempt, the gates or the scheduler that the pod waits for.
-
-    The API server sets SchedulingGated when the pod is created and never removes it; the scheduler's first attempt does.
-    """
-    if condition.reason == "SchedulingGated":
-        gates = ", ".join(gate.name for gate in pod.spec.scheduling_gates)
-        if gates:
-            return f"waits for scheduling gates {gates}"
-        return f"scheduler {pod.spec.scheduler_name} has not looked at the pod yet: does one of that name run?"
-    # The part about preemption is left to the pod's own condition.
-    return condition.message.partition(" preemption: ")[0] or condition.reason
-
-
-def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:
-    waiting, ended = container.state.waiting, container.state.terminated
-    if ended and ended.reason in _NOT_STARTED:
-        return Reason.FAILED_CREATE, _describe_start_failure(container.name, ended.message or ended.reason)
-    if waiting is None:
-        return None
-    if waiting.reason in _PULLING:
-        return Reason.IMAGE_PULL, f"{waiting.reason}: {waiting.message}; check image and imagePullSecrets"
-    if waiting.reason in _NOT_STARTED:
-        return Reason.FAILED_CREATE, _describe_start_failure(container.name, waiting.message)
-    if waiting.reason == "CrashLoopBackOff":
-        return _explain_crash(container)
-    if waiting.reason in _CONFIG:
-        cure = "; create it, or write optional: true" if "not found" in waiting.message else ""
-        return Reason.FAILED_CREATE, f"{waiting.reason}: {waiting.message}{cure}"
-    return None
-
-
-def _explain_crash(container: ContainerStatus) -> tuple[Reason, str]:
-    """Returns why a container waits for its next start. One that never ran has no log, and keeps the reason of its first start."""
-    last = container.last_state.terminated
-    if last and last.reason in _NOT_STARTED:
-        return Reason.FAILED_CREATE, _describe_start_failure(container.name, last.message or last.reason)
-    code = f"exit code {last.exit_code} ({last.reason})" if last else "unknown exit code"
-    cure = "see kubectl logs --previous"
-    if last and last.reason == "OOMKilled":
-        cure = "raise resources.limits.memory"
-    elif last and last.exit_code == 0:
-        cure = _WRITE_JOB
-    text = f"{container.name} restarted {container.restart_count} times, last with {code}{_quote(last)}; {cure}"
-    return Reason.CRASH_LOOP, text
+    reason, message = explain_pods(pods, live, barred)
+    return (reason, message) if reason is not None else (explain_exit(live) or (None, message))

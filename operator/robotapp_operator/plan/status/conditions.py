@@ -229,7 +229,7 @@ def placed(facts: AppFacts) -> Verdict:
         return Verdict("Unknown", Reason.SUSPENDED, "no pods while suspended")
     if facts.ended:
         return Verdict("Unknown", _ended(facts).reason, "no pods: every instance has ended")
-    parts = [component for instance in facts.instances for component in instance.wanted]
+    parts = [component for instance in facts.begun for component in instance.wanted]
     bound = sum(component.bound for component in parts)
     for instance in facts.instances:
         for component in instance.components:
@@ -411,12 +411,13 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
     """Why the instance that needs attention most is not ready."""
     waiting = [instance for instance in facts.instances if not instance.ready]
     waiting = [one for one in waiting if one.ending is None or not one.ending.is_success]
-    readiness = _describe_sweep(facts) or f"{count_of(up, total, 'component')} ready"
+    progress = _describe_sweep(facts)
+    readiness = progress or f"{count_of(up, total, 'component')} ready"
     if not waiting:
         return Reason.COMPONENTS_NOT_READY, f"{readiness}; no instance yet"
     instance = min((one for one in waiting if one in facts.begun), key=rank_of, default=waiting[0])
     if missing := what_is_missing(instance):
-        return missing[0], _named(facts, instance, missing[1])
+        return missing[0], f"{progress}{'; ' if progress else ''}{_named(facts, instance, missing[1])}"
     worst = instance.worst
     if (worst is None or not worst.reason) and (failure := explain_helpers(instance)):
         return failure[0], f"{readiness}; {_named(facts, instance, failure[1])}"
@@ -438,7 +439,8 @@ def _describe_sweep(facts: AppFacts) -> str:
         return ""
     ended = sum(instance.ending is not None for instance in facts.instances)
     waiting = sum(not instance.has_begun for instance in facts.instances)
-    text = f"{ended} of {len(facts.instances)} instances have ended"
+    failed = sum(instance.ending is not None and not instance.ending.is_success for instance in facts.instances)
+    text = f"{ended} of {len(facts.instances)} instances have ended{f' ({failed} failed)' if failed else ''}"
     return f"{text}, {waiting} still to begin" if waiting else text
 
 

@@ -38,6 +38,7 @@ class InstanceFacts:
 
     instance: Instance
     components: tuple[ComponentView, ...]
+    app_name: str = ""
     ending: Ending | None = None
     """Why it has ended: its jobs have completed or failed."""
     attempt: Attempt = FIRST

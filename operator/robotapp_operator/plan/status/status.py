@@ -107,6 +107,8 @@ def instance_phase(instance: InstanceFacts, before: str) -> Phase:
         return Phase.RUNNING
     if instance.grace and instance.bound:
         return Phase.DEGRADED
+    if any(component.reason is Reason.JOB_FAILED for component in instance.wanted):
+        return Phase.DEGRADED  # it has run, and what waits for it waits for ever
     views = [*instance.components, *(helper.view for helper in instance.failing_helpers)]
     failing = [view for view in views if view.reason not in (None, Reason.UNSCHEDULABLE)]
     if instance.bound and (failing or before in (Phase.RUNNING, Phase.DEGRADED)):
@@ -149,8 +151,12 @@ def _summary(facts: AppFacts) -> dict[str, Any]:
 
 def ready_text(facts: AppFacts) -> str:
     """`2/3` components; before there is any instance, those of the spec are what is wanted. `2/3 (1 held)` after a rollback:
-    so many templates of a newer operator hold an edit back, and what is ready is not what the spec says.
+    so many templates of a newer operator hold an edit back, and what is ready is not what the spec says. Of a sweep `37/200 done, 1 failed`.
     """
+    if facts.app.spec.matrix is not None and not facts.alone:
+        counts = _counts(facts)
+        failed = f", {counts['failed']} failed" if counts["failed"] else ""
+        return f"{counts['completed']}/{counts['desired']} done{failed}"
     parts = [component for instance in facts.instances for component in instance.wanted]
     parts += [part for instance in facts.instances if instance.ending for part in instance.components if part.is_job]
     held = len(held_by_newer(facts))

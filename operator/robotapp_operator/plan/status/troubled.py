@@ -120,8 +120,8 @@ def explain_ending(instance: InstanceFacts, ending: Ending) -> str:
         restarts = instance.attempt.restarts
         return f"{part.name}: {part.message}{f'; restarts before: {restarts}' if restarts else ''}"
     return (
-        f"its jobs had not completed at {ending.time}, when their time was over (spec.completion.deadline): write a longer one, and "
-        "edit or delete (kubectl delete job NAME) the jobs that are to run again"
+        f"its jobs had not completed at {ending.time}, when their time was over (spec.completion.deadline): write a longer one, and run "
+        f"them again with kubectl robotapp runs {instance.app_name} --failed"
     )
 
 

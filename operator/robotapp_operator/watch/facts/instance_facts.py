@@ -79,6 +79,7 @@ def instance_facts(
     placed = {view.name: view.node for view in views if view.node}
     return InstanceFacts(
         instance=instance,
+        app_name=app.name,
         components=tuple(views),
         edges=tuple(_view_edges(app, instance, placed, cache)),
         domain=domain.id if domain else None,

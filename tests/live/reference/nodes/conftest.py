@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from campaigns.reference.catalogue import GENERATIONS, SCENARIOS
+from campaigns.reference.catalogue import SCENARIOS
 from campaigns.reference.real_nodes import start_cluster
 from robotapp_testbed.binaries import pins
 from robotapp_testbed.real import RealNodes
@@ -16,5 +16,5 @@ def cluster(request: pytest.FixtureRequest, real_machine: type[RealNodes]) -> It
     del real_machine  # skips where this machine cannot have real nodes
     if pins.platform_names()["arch"] != "amd64":
         pytest.skip("wheels of rclpy are for amd64 alone")
-    with start_cluster(SCENARIOS[request.module.SCENARIO], GENERATIONS) as cp:
+    with start_cluster([SCENARIOS[request.module.SCENARIO]]) as cp:
         yield cp

@@ -130,7 +130,7 @@ APP = [
         "instances of a sweep end",
         _sweep(2),
         _sweep(2, components=[component("sim")]),
-        "an instance of a sweep ends with its components that have job, and none has it, so later instances would wait for ever; write job: {} in the component whose program ends",
+        "an instance of a sweep ends with its components that have job, and none has it, so later ones would wait for ever; write job: {} where the program ends, and completion: {} if others run on",
     ),
     RuleCase(
         "an instance of a sweep ends with its jobs",

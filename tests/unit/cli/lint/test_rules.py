@@ -178,3 +178,10 @@ def test_a_misspelt_type_of_device_is_asked_about_and_a_type_of_the_admins_own_r
     findings = lint(yaml.safe_dump(app(components=[component(devices=[device])])).encode()).findings
     messages = [one.message for one in findings if one.path.endswith(".type")]
     assert [f'did you mean "{meant}"?' in message for message in messages] == ([True] if meant else [])
+
+
+@pytest.mark.parametrize("completion", [{}, {"completion": {}}])
+def test_a_sweep_without_any_job_has_one_mistake(completion: dict[str, Any]) -> None:
+    matrix = {"parameters": [{"name": "seed", "values": ["1", "2"]}]}
+    (mistake,) = found(app(components=[component("sim")], matrix=matrix, **completion))
+    assert "none has it" in mistake.message

@@ -172,3 +172,92 @@ def test_an_app_without_jobs_is_told_so(stage: Stage) -> None:
     result = stage.run("runs", "teleop")
     assert result.exit_code == 4
     assert "no component with job" in result.output
+
+
+def names_of_jobs(stage: Stage) -> list[str]:
+    return sorted(key.name for key in stage.api.store.objects if key.collection == JOBS)
+
+
+def test_restart_of_an_app_that_has_ended_runs_all_its_jobs_again(stage: Stage) -> None:
+    fill(stage)
+    assert stage.text("restart", "teleop").splitlines() == [
+        "teleop: 2 jobs run once more (sim)",
+        "Follow it: kubectl robotapp runs teleop",
+    ]
+    assert names_of_jobs(stage) == []
+
+
+def test_restart_of_one_run_leaves_the_others_alone(stage: Stage) -> None:
+    fill(stage)
+    assert "1 job runs once more (sim)" in stage.text("restart", "teleop", "sim", "--robot", "a")
+    assert names_of_jobs(stage) == ["teleop-b-sim"]
+
+
+def test_restart_of_a_job_that_has_failed_takes_the_other_failed_ones_along_because_they_would_keep_the_run_ended(
+    stage: Stage,
+) -> None:
+    app = sweep()
+    app["spec"]["components"] += [{"name": name, "image": "x", "job": {}} for name in ("check", "prepare")]
+    stage.add(ROBOTAPPS, app)
+    stage.add(INSTANCES, run_object("b", "Failed"))
+    stage.add(
+        JOBS, job("b", "Failed"), job("b", "Failed", component="check"), job("b", "Complete", component="prepare")
+    )
+    assert "2 jobs run once more (check, sim)" in stage.text("restart", "teleop", "sim")
+    assert names_of_jobs(stage) == ["teleop-b-prepare"]
+
+
+def test_restart_of_a_job_in_an_ended_run_with_completion_begins_the_run_anew(stage: Stage) -> None:
+    app = sweep()
+    app["spec"] |= {"completion": {"deadline": "10m"}}
+    app["spec"]["components"] += [{"name": "prepare", "image": "x", "job": {}}]
+    stage.add(ROBOTAPPS, app)
+    stage.add(INSTANCES, run_object("b", "Completed"))
+    stage.add(JOBS, job("b", "Complete"), job("b", "Complete", component="prepare"))
+    assert "2 jobs run once more (prepare, sim)" in stage.text("restart", "teleop", "sim")
+
+
+def test_restart_leaves_the_jobs_of_an_app_alone_whose_other_components_run_on(stage: Stage) -> None:
+    app = robotapp()
+    app["spec"]["components"] += [{"name": "sim", "image": "x", "job": {}}]
+    stage.add(ROBOTAPPS, app)
+    stage.add(INSTANCES, run_object("b", "Running"))
+    stage.add(JOBS, job("b", "Complete"))
+    labels = {"robotics.io/component": "driver", "robotics.io/instance": "b", "robotics.io/app-uid": UID}
+    deployment = {"metadata": {"name": "d", "namespace": "fleet", "uid": "u", "labels": labels}}
+    stage.add("apps/deployments", deployment | {"spec": {"template": {"metadata": {}}}})
+    printed = stage.text("restart", "teleop")
+    assert "pods of 1 Deployment are replaced" in printed
+    assert "Its jobs are left alone; to run one again: kubectl robotapp restart teleop COMPONENT" in printed
+    assert names_of_jobs(stage) == ["teleop-b-sim"]
+    assert "component sim of teleop: 1 job runs once more (sim)" in stage.text("restart", "teleop", "sim")
+    assert names_of_jobs(stage) == []
+
+
+def test_restart_of_a_job_that_is_not_there_yet_changes_nothing(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Pending"))
+    result = stage.run("restart", "teleop", "sim")
+    assert result.exit_code == 4
+    assert "has no pod; kubectl robotapp info teleop has the reason" in result.output
+
+
+def test_restart_deletes_no_job_that_would_not_be_made_again(stage: Stage) -> None:
+    fill(stage)
+    refused = {"type": "Accepted", "status": "False", "reason": "InvalidSpec", "message": "$(MATRIX_SPED) is none"}
+    stage.add(ROBOTAPPS, {**sweep(), "status": {"conditions": [refused]}})
+    result = stage.run("restart", "teleop")
+    assert result.exit_code == 1
+    assert "no job of teleop would be made, so none was deleted: $(MATRIX_SPED) is none" in result.output
+    assert names_of_jobs(stage) == ["teleop-a-sim", "teleop-b-sim"]
+
+
+def test_an_app_that_has_ended_has_nothing_to_stop_when_it_is_suspended(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, {**sweep(), "status": {"phase": "Completed"}})
+    assert stage.text("suspend", "teleop").splitlines() == [
+        "teleop is suspended; it had ended before, so it has no pods, domain or devices",
+        "No job of it runs again until: kubectl robotapp resume teleop",
+    ]
+    refused = {"type": "Accepted", "status": "False", "reason": "InvalidSpec", "message": "mend it"}
+    stage.add(ROBOTAPPS, {**sweep(), "status": {"phase": "Failed", "conditions": [refused]}})
+    assert "its pods end" in stage.text("suspend", "teleop")

@@ -120,6 +120,32 @@ def test_of_many_instances_the_troubled_are_shown_in_full_and_all_are_listed() -
     assert shown.problems[0].command.endswith("--tail=50")
 
 
+def test_a_sweep_shows_how_many_of_its_runs_are_done_failed_and_at_work() -> None:
+    body = app("teleop")
+    body["spec"] = {"matrix": {"parameters": [{"name": "seed", "values": ["1", "2"]}]}}
+    body["status"]["summary"] = {"ready": "37/200 done, 1 failed"}
+    body["status"]["instanceCounts"] = {"desired": 200, "ready": 3, "completed": 37, "failed": 1}
+    phases = {"a": "Completed", "b": "Failed", "c": "Running"}
+    shown = view(snapshot(apps=[body], instances=[instance("teleop", key, phase=phases[key]) for key in phases]))
+    assert shown.facts[:2] == (("runs", "37/200 done, 1 failed"), ("runs at work", "3"))
+    assert not [label for label, _ in shown.facts if label.startswith("instances")]
+    assert shown.is_sweep
+    assert [line.name for line in shown.lines] == ["b", "a", "c"], "what has completed is in no trouble"
+    assert [each.message for each in shown.instances if each.name == "a"] == [""]
+
+
+def test_a_job_that_has_completed_is_done_waits_for_no_node_and_has_commands_for_runs() -> None:
+    body = app("teleop") | {"spec": {"components": [{"name": "save", "job": {}}, {"name": "driver"}]}}
+    components = [{"name": "save", "ready": True, "completed": True}, {"name": "driver", "ready": True, "node": "r1"}]
+    shown = view(snapshot(apps=[body], instances=[instance("teleop", components=components)]))
+    save, driver = shown.instances[0].components
+    assert (save.state, save.colour, save.place, save.wants_node, save.is_job) == ("done", "good", "none", False, True)
+    assert (driver.state, driver.is_job) == ("yes", False)
+    assert "kubectl robotapp runs teleop -n default --failed" in [command.line for command in shown.commands]
+    plain = view(snapshot(apps=[app("teleop")]))
+    assert not [command for command in plain.commands if "runs" in command.line]
+
+
 def test_one_instance_can_be_chosen_and_a_missing_one_is_told() -> None:
     world = snapshot(apps=[app("teleop")], instances=[instance("teleop", f"r{i}") for i in range(20)])
     assert [item.name for item in view(world, "r13").instances] == ["r13"]

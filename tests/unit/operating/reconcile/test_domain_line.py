@@ -62,6 +62,18 @@ def test_the_turn_goes_on_when_who_had_it_is_gone() -> None:
     assert {*world.next()[0], *world.next()[0]} == {"b", "c"}
 
 
+def test_an_app_without_any_domain_comes_before_further_instances_of_one_that_has_some() -> None:
+    world = DomainQueue("1-3")
+    world.wait("sweep")
+    for number in (1, 2):
+        claim = make.domain_claim(number, make.app_holder("sweep", instance=f"run-{number}"))
+        world.cache.claims.put("sweep", claim.name, claim)
+    world.wait("other")
+    assert world.next() == (["other"], True)
+    world.memory.of("other").outcomes[""] = DomainOutcome(Reason.ALLOCATED, "x", id=3)
+    assert world.next() == (["sweep"], False)
+
+
 def test_nobody_waits_for_ever_behind_those_who_leave_and_come_back() -> None:
     world = DomainQueue("1")
     world.wait(*"abc")

@@ -14,13 +14,8 @@ from robotapp_claims.rules.objects import ResourceClaim
 from robotapp_client import ApiClient
 from robotapp_client.api.resources import EVENTS
 from robotapp_operator.plan.spec.objects import Deployment, Pod
-from robotapp_operator.plan.status.components import (
-    HelperPart,
-    PodWarning,
-    awaits_containers,
-    component_view,
-    explain_warnings,
-)
+from robotapp_operator.plan.status.components import HelperPart, component_view
+from robotapp_operator.plan.status.pods.pod_warnings import PodWarning, awaits_containers, explain_warnings
 from robotapp_operator.queue.work import Work, namespace_group
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache

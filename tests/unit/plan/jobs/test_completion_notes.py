@@ -32,3 +32,9 @@ def test_jobs_that_do_not_count_for_success_end_nothing() -> None:
 
 def test_an_app_without_completion_is_told_nothing() -> None:
     assert notes_of({"name": "sim", "replicas": 0}) == []
+
+
+def test_a_sweep_without_any_job_is_refused_for_that_and_told_nothing_else() -> None:
+    parts = [{"name": "sim", "image": "team/sim:1"}]
+    spec = RobotAppSpec.model_validate({"ros": {"distro": "jazzy"}, "components": parts, "matrix": MATRIX})
+    assert not [note for note in spec_notes(spec) if "ends no instance" in str(note)]

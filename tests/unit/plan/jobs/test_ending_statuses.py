@@ -8,7 +8,7 @@ import pytest
 from tests.support.factories import component, make_app, make_deployment, make_pod
 from tests.unit.plan.status.test_status import UP, condition, instance, message, status_of
 
-from robotapp_api.model.names import Condition, EventReason, Phase, Reason
+from robotapp_api.model.names import Condition, EventReason, Label, Phase, Reason
 from robotapp_claims.rules.completion.endings import Ending
 from robotapp_operator.plan.spec.objects import Job, Pod
 from robotapp_operator.plan.status.components import ComponentView, component_view, job_view
@@ -27,7 +27,11 @@ SPEC = {"components": [component("save", job={})]}
 
 def job(verdict: str = "", **condition: str) -> Job:
     conditions = [{"type": verdict, "status": "True", "lastTransitionTime": AT, **condition}] if verdict else []
-    body = {"metadata": {"name": "map-save", "labels": {}}, "spec": {}, "status": {"conditions": conditions}}
+    body = {
+        "metadata": {"name": "map-save", "labels": {Label.APP.value: "map"}},
+        "spec": {},
+        "status": {"conditions": conditions},
+    }
     return msgspec.convert(body, Job)
 
 
@@ -53,7 +57,7 @@ def test_a_job_that_has_failed_shows_its_last_exit_its_log_and_how_it_runs_again
     assert found.reason is Reason.JOB_FAILED
     assert "BackoffLimitExceeded: too many attempts, last with exit code 3 (Error): no map" in found.message
     assert "kubectl logs job/map-save" in found.message
-    assert "kubectl delete job map-save" in found.message
+    assert "kubectl robotapp runs map --failed runs it again" in found.message
 
 
 def test_a_job_that_was_ended_with_its_instance_has_not_failed_by_itself() -> None:
@@ -106,8 +110,10 @@ def test_an_app_whose_jobs_have_failed_is_failed_with_the_reason() -> None:
 
 def test_a_deadline_that_has_passed_names_its_field() -> None:
     ending = Ending(Reason.DEADLINE_EXCEEDED, time=AT)
-    status = status_of(instance(BROKEN, ending=ending, needs_domain=False, domain=None), app=SPEC)
-    assert "(spec.completion.deadline)" in message(status, Condition.READY)
+    late = instance(BROKEN, ending=ending, needs_domain=False, domain=None, app_name="map")
+    told = message(status_of(late, app=SPEC), Condition.READY)
+    assert "(spec.completion.deadline)" in told
+    assert "kubectl robotapp runs map --failed" in told
 
 
 @pytest.mark.parametrize(
@@ -127,3 +133,11 @@ def test_while_an_instance_runs_the_completed_ones_do_not_decide(others: list[Co
 def test_a_failed_instance_beside_one_that_runs_degrades_the_app() -> None:
     ended = instance(BROKEN, robot="a", ending=FAILED, needs_domain=False, domain=None)
     assert status_of(ended, instance(robot="b"), app=SPEC)["phase"] == Phase.DEGRADED
+
+
+def test_an_app_whose_driver_waits_for_a_job_that_has_failed_is_degraded() -> None:
+    waits = dataclasses.replace(UP, ready=False, exists=False, bound=False, waits=True, message="waits for save")
+    failed = dataclasses.replace(BROKEN, bound=False)
+    status = status_of(instance(failed, waits), app=SPEC)
+    assert status["phase"] == Phase.DEGRADED
+    assert condition(status, Condition.READY) == ("False", Reason.JOB_FAILED)

@@ -10,10 +10,10 @@ from tests.support.factories import VERSION, component, make_app
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.diff.diff import Plan, plan, wanted_children
 from robotapp_operator.plan.diff.jobs import judge_progress
-from robotapp_operator.plan.render.child import JOB, Child
+from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, Child
 from robotapp_operator.plan.spec.dependencies import describe_wait, unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
-from robotapp_operator.plan.spec.objects import ChildRef, Job
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job
 
 NOW = datetime(2026, 1, 1, 0, 1, tzinfo=UTC)
 DOMAIN = Domain(7, "dds.default.c.7")
@@ -227,3 +227,62 @@ def test_each_replica_with_an_ordinal_is_a_job_of_its_own() -> None:
     assert [child.component for child in children_of(app) if child.ref.kind == JOB] == ["run-0", "run-1"]
     assert app.completion_rules is not None
     assert app.completion_rules.jobs == {"run-0", "run-1"}
+
+
+def stored_deployment(app: App, **meta: Any) -> Observed:
+    """The Deployment of a component before it became a job."""
+    (child,) = (child for child in children_of(app) if child.ref.kind == DEPLOYMENT and child.component == "save")
+    body = child.body(app, version=VERSION)
+    body["metadata"] |= {"uid": "uid-deployment", "resourceVersion": "1", **meta}
+    return {child.ref: msgspec.convert(body, Deployment)}
+
+
+def kinds_made(result: Plan) -> list[str]:
+    return [change.child.ref.kind for change in result.changes if change.child.component == "save"]
+
+
+def test_a_component_that_becomes_a_job_has_its_first_pod_when_those_of_its_deployment_have_ended() -> None:
+    before, now = app_of(component("save")), app_of()
+    observed = stored_deployment(before)
+    result = plan_of(now, observed)
+    assert list(result.deletes) == list(observed.values())
+    assert result.outlived == {"uid-deployment"}
+    assert kinds_made(result) == []
+    going = stored_deployment(before, deletionTimestamp="2026-01-01T00:01:00Z")
+    result = plan_of(now, going)
+    assert not result.deletes
+    assert kinds_made(result) == []
+    assert kinds_made(plan_of(now, {})) == [JOB]
+
+
+def test_a_job_that_becomes_a_component_that_runs_on_ends_first() -> None:
+    before, now = app_of(), app_of(component("save"))
+    observed = stored(before)
+    result = plan_of(now, observed)
+    assert list(result.deletes) == list(observed.values())
+    assert result.outlived == {"uid-save"}
+    assert kinds_made(result) == []
+    assert kinds_made(plan_of(now, stored(before, deletionTimestamp="2026-01-01T00:01:00Z"))) == []
+    assert kinds_made(plan_of(now, {})) == [DEPLOYMENT]
+
+
+def test_a_component_that_changes_its_mind_is_made_anew_when_its_last_pod_has_ended() -> None:
+    app = app_of(component("save", image="reg/save:2"))
+    going = stored_deployment(app_of(component("save")), deletionTimestamp="2026-01-01T00:01:00Z")
+    result = plan_of(app, going)
+    assert not result.deletes
+    assert kinds_made(result) == []
+
+
+def test_a_job_that_waits_for_others_has_its_deployment_end_with_its_pods_as_well() -> None:
+    """Nothing takes its place yet, and its pods may still be there when something does."""
+    after = [{"component": "map"}]
+    now = app_of(component("map"), component("save", job={}, dependsOn=after))
+    assert plan_of(now, stored_deployment(app_of(component("save")))).outlived == {"uid-deployment"}
+
+
+def test_a_component_that_was_removed_keeps_nobody_waiting() -> None:
+    observed = stored_deployment(app_of(component("save"), component("map")))
+    result = plan_of(app_of(component("map")), observed)
+    assert list(result.deletes) == list(observed.values())
+    assert not result.outlived

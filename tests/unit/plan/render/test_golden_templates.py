@@ -35,11 +35,11 @@ SPECS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 GOLDEN: dict[str, list[str]] = {
     "minimal": ["9101de08c1bd35b2"],
-    "robot": ["a4c1b4cc8b4354f8", "d87c9d33224caa75", "d640ff77081210a3", "83e881116e706fc9"],
+    "robot": ["6823bd24f70a6fde", "940fcb97985a0ea3", "d640ff77081210a3", "83e881116e706fc9"],
     "full": ["a454d192bf5d9ba1"],
     "on board as a fallback": ["db2c668e58d2ef0b"],
     "cyclone": ["d8763bc859da97dc", "b3a8ba986b65500d"],
-    "zenoh": ["144fbeece8844bbb", "5e558dd1604e1ad1", "2a5ec09b559e04c6"],
+    "zenoh": ["bd43cbe019d05536", "5e558dd1604e1ad1", "2a5ec09b559e04c6"],
     "noetic": ["b0910314430f6ca3", "df945259d7216be1", "b61feba86447e18d"],
     "foreign scheduler": ["0427c01fb8e3011a"],
 }

@@ -41,6 +41,16 @@ def test_helpers_are_what_pod_security_restricted_admits(spec: dict[str, Any]) -
         assert container["securityContext"] == RESTRICTED | user
 
 
+def test_servers_and_router_end_at_once_since_scripts_ignore_the_request_to_stop() -> None:
+    for spec in ({}, ZENOH):
+        assert {template["spec"]["terminationGracePeriodSeconds"] for template in templates(make_app(**spec))} == {2}
+
+
+def test_a_master_keeps_the_default_for_its_restart_would_restart_every_node() -> None:
+    (master,) = templates(make_app(**NOETIC))
+    assert "terminationGracePeriodSeconds" not in master["spec"]
+
+
 def test_helpers_run_as_an_ordinary_user_where_the_components_name_none() -> None:
     for template in templates(make_app()):
         assert template["spec"]["containers"][0]["securityContext"] == RESTRICTED | {

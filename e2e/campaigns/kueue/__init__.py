@@ -1,0 +1,1 @@
+"""Jobs of apps in a queue of kueue, with its real controller manager."""

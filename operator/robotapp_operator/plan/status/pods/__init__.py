@@ -1,0 +1,1 @@
+"""Explanations of pods that do not run."""
