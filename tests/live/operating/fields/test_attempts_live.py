@@ -143,7 +143,7 @@ def test_an_app_is_deleted_after_its_end_with_an_event_and_nothing_of_it_is_left
     eventually(lambda: not unplaced.apps(), what=unplaced.apps)
     eventually(lambda: not unplaced.listed("batch/jobs"), what=unplaced.children)
     eventually(lambda: not unplaced.claims(), what=unplaced.claims)
-    assert "Expired" in unplaced.event_reasons("brief")
+    eventually(lambda: "Expired" in unplaced.event_reasons("brief"))
 
 
 def test_an_app_without_a_job_is_refused_a_ttl_with_what_to_write(unplaced: Tenant) -> None:

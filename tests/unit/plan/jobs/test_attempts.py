@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 from tests.support.factories import VERSION, component, make_app
 from tests.unit.plan.jobs.test_jobs import DOMAIN, NOW, Observed, stored
@@ -12,7 +13,7 @@ from robotapp_operator.plan.diff.diff import Plan, plan, wanted_children
 from robotapp_operator.plan.diff.jobs import Progress, judge_progress
 from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, Child
 from robotapp_operator.plan.spec.desired import App, desired_of
-from robotapp_operator.plan.spec.objects import pod_annotations
+from robotapp_operator.plan.spec.objects import Deployment, pod_annotations
 
 AT = "2026-01-01T00:00:30Z"
 
@@ -170,3 +171,25 @@ def test_an_instance_that_was_never_started_again_has_no_record_and_no_annotatio
     app = app_of()
     assert progress_of(app, job(app, "save"), status).attempt.annotations == {}
     assert render_attempt(progress_of(app, {}, status).attempt) is None
+
+
+@pytest.mark.parametrize("writer", ["9.0.0", "0.0.1"], ids=["newer", "older, held until it is approved"])
+def test_templates_that_are_not_written_anew_start_their_pods_anew_all_the_same(writer: str) -> None:
+    app = make_app(
+        component("driver"),
+        component("save", job={}),
+        completion={"maxRestarts": 2},
+        update={"operator": "OnDemand"},
+    )
+    (child,) = (
+        change.child
+        for change in plan_of(app, {}, {}).changes
+        if change.child.ref.kind == DEPLOYMENT and change.child.component
+    )
+    body = child.body(app, version=writer)
+    body["metadata"] |= {"uid": "uid-driver", "resourceVersion": "1"}
+    body["metadata"]["annotations"][Annotation.CONTENT_HASH.value] = "of its own"
+    observed: Observed = {child.ref: msgspec.convert(body, Deployment)}
+    (change,) = (change for change in plan_of(app, observed, record(app, 1, 1)).changes if change.over is not None)
+    assert change.amended is not None
+    assert pod_annotations(change.amended)[Annotation.ATTEMPT] == "1"
