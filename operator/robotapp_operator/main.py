@@ -33,6 +33,7 @@ from robotapp_operator.plan.spec.desired import Abilities, App, HelperDefaults
 from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
+from robotapp_operator.reconcile.app_expiry import AppExpiry
 from robotapp_operator.reconcile.controller import Controller
 from robotapp_operator.reconcile.devices.resource_claims import give_back
 from robotapp_operator.reconcile.domain_pools import Pools
@@ -196,6 +197,7 @@ class Operator:
                 on_refused=lambda pod: give_back(client, cache, pod),
             ),
             gates=Gates(client, cache, memory),
+            expiry=AppExpiry(client, cache, self.recorder, now=_now),
             probes=Probes(client, cache),
             pools=Pools(client, cache, now=_now),
             list_apps=self._list_apps,

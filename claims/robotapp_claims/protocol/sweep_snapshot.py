@@ -17,14 +17,9 @@ import msgspec
 from robotapp_api.model.names import Label
 from robotapp_api.values.naming import DNS_LABEL
 from robotapp_claims.protocol.writes import Api, T
+from robotapp_claims.rules.completion.endings import completion_rules_of, find_ending
 from robotapp_claims.rules.identity import same_holder
-from robotapp_claims.rules.instances import (
-    completion_rules_of,
-    find_ending,
-    instances_of,
-    out_of_sight,
-    robot_selection_of,
-)
+from robotapp_claims.rules.instances import instances_of, out_of_sight, robot_selection_of
 from robotapp_claims.rules.objects import App, Claim, Deployment, Holder, Job, Meta, Object, Pod, Pool, ReplicaSet
 from robotapp_claims.rules.release import is_gone, unseen_nodes, wants_domain
 from robotapp_claims.rules.repair import places_of, requested_places
@@ -40,7 +35,7 @@ from robotapp_client.api.resources import (
     ROBOTCLAIMS,
     Resource,
 )
-from robotapp_client.api.times import utc_now
+from robotapp_client.api.times import Now, utc_now
 from robotapp_client.transport.errors import Forbidden, NotFound, means_gone
 
 DEFAULT_QUARANTINE_S = 60
@@ -89,6 +84,8 @@ class View:
     quarantine_s: Mapping[str, int]
     everywhere: bool = True
     """False for a namespaced sweep: `usage` and `pods` are those of some namespaces."""
+    now: Now = utc_now
+    """The wall clock, by which the time of jobs is over."""
     _elsewhere: Usage | None = None
     _blind: bool = False
     """The API server refused to list the workloads of other namespaces."""
@@ -157,7 +154,7 @@ class View:
     def _has_ended(self, app: App, claim: Claim) -> bool:
         """Whether the jobs of the holder's instance have decided that nothing of it runs any more."""
         jobs, rules = self.usage.jobs.get(holder_key(claim.holder), {}), completion_rules_of(app)
-        return rules is not None and find_ending(rules, jobs, now=utc_now()) is not None
+        return rules is not None and find_ending(rules, jobs, now=self.now()) is not None
 
     async def usage_everywhere(self) -> Usage | None:
         """What the workloads of all namespaces use, read once per pass; None when we may not list them."""
@@ -214,8 +211,11 @@ class View:
         return self._robots
 
 
-async def read_view(client: Api, namespaces: Collection[str] | None) -> View:
-    """Claims, then pools, Deployments, ReplicaSets, Jobs and pods, one LIST each (one per namespace for a namespaced one)."""
+async def read_view(client: Api, namespaces: Collection[str] | None, *, now: Now = utc_now) -> View:
+    """Claims, then pools, Deployments, ReplicaSets, Jobs and pods, one LIST each (one per namespace for a namespaced one).
+
+    now: the wall clock.
+    """
     listing = await client.list(ROBOTCLAIMS, as_type=Claim)
     pools = await client.list(DOMAINPOOLS, as_type=Pool)
     usage, pods = await _workloads(client, namespaces)
@@ -227,6 +227,7 @@ async def read_view(client: Api, namespaces: Collection[str] | None) -> View:
         pods={pod.metadata.uid: pod for pod in pods},
         quarantine_s={pool.metadata.name: pool.spec.quarantine_seconds for pool in pools.items},
         everywhere=namespaces is None,
+        now=now,
     )
 
 

@@ -26,6 +26,7 @@ from robotapp_claims.rules.objects import Claim, Pod
 from robotapp_claims.rules.release import Release, pod_lost, release_domain
 from robotapp_claims.rules.repair import ClaimConflict
 from robotapp_client.api.parallelize import at_once
+from robotapp_client.api.times import Now, utc_now
 from robotapp_client.transport.errors import ClientError, describe
 
 log = logging.getLogger(__name__)
@@ -86,6 +87,7 @@ class Sweeper:
     namespaces: sweep only holders there (a namespaced operator); None sweeps all. Without the right to list workloads
     everywhere such a sweep gives no domain of an app back: apps elsewhere may share it. granted_pods: bare pods with grants,
     from a cache: their claims are repaired, and kept without a request while the cache shows the pod. on_conflicts gets, after each pass, all things with two users. counts: writes and passes by kind.
+    now: the wall clock, by which the time of jobs is over.
     limit: claims under way at a time; each is decided on what this pass has read, whatever becomes of the others.
     """
 
@@ -100,6 +102,7 @@ class Sweeper:
         granted_pods: Callable[[], Iterable[Pod]] = tuple,
         on_conflicts: Callable[[Sequence[ClaimConflict]], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        now: Now = utc_now,
         limit: int = LIMIT,
     ) -> None:
         self.counts: Counter[str] = Counter()
@@ -111,6 +114,7 @@ class Sweeper:
         self._granted_pods = granted_pods
         self._on_conflicts = on_conflicts or (lambda _: None)
         self._clock = clock
+        self._now = now
         self._limit = limit
         self._granted: dict[str, Pod] = {}
         """By uid, as of this pass."""
@@ -149,7 +153,7 @@ class Sweeper:
 
     async def sweep_once(self) -> None:
         """One pass. Raises what a listing raised; what goes wrong with one claim is counted, and the others go on."""
-        view = await read_view(self._client, self._namespaces)
+        view = await read_view(self._client, self._namespaces, now=self._now)
         self._granted = {pod.metadata.uid: pod for pod in self._granted_pods()}
         self._rests.start_pass(view.claims)
         self._whereabouts.start_pass(view.claims)

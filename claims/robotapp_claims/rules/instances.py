@@ -1,4 +1,4 @@
-"""Which instances of an app exist: one in all, one per robot, one for any robot, or one per combination of a matrix; and when one has ended.
+"""Which instances of an app exist: one in all, one per robot, one for any robot, or one per combination of a matrix.
 
 One rule for the operator, which reads caches, and the sweep, which reads afresh: an instance that exists for
 one and not for the other would be created and freed in turn.
@@ -6,24 +6,13 @@ one and not for the other would be created and freed in turn.
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, Protocol
 
-from robotapp_api.model.names import Annotation, Label, Reason
-from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.sweeps.matrix import expand_matrix
 from robotapp_claims.rules.identity import hash10
-from robotapp_claims.rules.objects import (
-    COMPLETE,
-    OUT_OF_TIME,
-    App,
-    Job,
-    JobConditionLike,
-    Meta,
-    find_verdict,
-    is_stopped,
-)
+from robotapp_claims.rules.objects import App, Meta
 
 ANY: Final = "Any"
 FEW_MISSING: Final = 3
@@ -243,173 +232,3 @@ def admits(annotations: Mapping[str, str], namespace: str) -> bool:
     """Whether this node admits the namespace. A robot does only if each of its computers does (`closed_nodes`)."""
     names = admitted(annotations.get(Annotation.ALLOWED_NAMESPACES))
     return names is None or namespace in names
-
-
-# Components that end: when an instance has ended, so that nothing of it runs any more and it wants no domain
-
-
-LONGEST_DEADLINE: Final = timedelta(days=3650)
-_CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
-"""So much earlier than by the clock of the operator a Job may end by that of the Job controller."""
-
-
-class CompletionRules(NamedTuple):
-    """Which jobs decide that an instance has ended, by the names under which their components run."""
-
-    jobs: frozenset[str]
-    any_suffices: bool = False
-    deadline: timedelta | None = None
-    """How long they may take together."""
-    generation: int = 0
-    """That of the app."""
-
-
-class JobState(NamedTuple):
-    """What a Job has come to. generation: that of the app for which it was created. Times as the API has them."""
-
-    created: str
-    generation: int = 0
-    verdict: str = ""
-    """Complete or Failed; "" while it may still run."""
-    ended: str = ""
-    reason: str = ""
-    """Why it has failed, in the word of the Job controller."""
-    started: str = ""
-    """When it was started last; "" before that."""
-    suspended: bool = False
-    """Whether it waits, because its app is suspended or its queue has not admitted it."""
-    comes_back: bool = False
-    """Whether its component has a schedule, so that it ends no instance and has no part in its deadline."""
-
-
-class Ending(NamedTuple):
-    """Why an instance has ended: Completed, JobFailed or DeadlineExceeded."""
-
-    reason: Reason
-    component: str = ""
-    """The job that decided it."""
-    time: str = ""
-
-    @property
-    def is_success(self) -> bool:
-        return self.reason is Reason.COMPLETED
-
-
-def completion_rules_of(app: App) -> CompletionRules | None:
-    """Returns when instances of the app end, None for those that run on: without a job, or with components beside the jobs and no
-    `completion`. A component with schedule runs on. One with replicas: 0 counts for nothing.
-    """
-    spec = app.spec
-    components = [component for component in spec.components if component.replicas]
-    jobs = [component for component in components if component.ends]
-    if spec.completion is None:
-        ends = bool(jobs) and len(jobs) == len(components)
-        return CompletionRules(frozenset(name for job in jobs for name in job.names)) if ends else None
-    success = spec.completion.success
-    counting = [job for job in jobs if not success.components or job.name in success.components]
-    if not counting:
-        return None
-    return CompletionRules(
-        frozenset(name for job in counting for name in job.names),
-        any_suffices=success.operator == "Any",
-        deadline=_read_deadline(spec.completion.deadline),
-        generation=app.metadata.generation,
-    )
-
-
-def _read_deadline(text: str | None) -> timedelta | None:
-    if text is None:
-        return None
-    try:
-        return min(timedelta(microseconds=parse_us(text)), LONGEST_DEADLINE)
-    except (ValueError, OverflowError):
-        return LONGEST_DEADLINE
-
-
-def read_job_state(job: Job) -> JobState:
-    """Returns what a Job has come to."""
-    return build_job_state(
-        job.metadata.annotations,
-        job.status.conditions,
-        created=job.metadata.creation_timestamp,
-        started=job.status.start_time,
-        suspended=job.spec.suspend,
-    )
-
-
-def build_job_state(
-    annotations: Mapping[str, str],
-    conditions: Iterable[JobConditionLike],
-    *,
-    created: str | None,
-    started: str | None,
-    suspended: bool,
-) -> JobState:
-    """Returns what a Job has come to by its fields, however they were decoded. suspended: `spec.suspend`."""
-    conditions = tuple(conditions)
-    generation, verdict = annotations.get(Annotation.APP_GENERATION, ""), find_verdict(conditions)
-    return JobState(
-        created=created or "",
-        generation=int(generation) if generation.isdecimal() else 0,
-        verdict=verdict.type if verdict else "",
-        ended=(verdict.last_transition_time or "") if verdict else "",
-        reason=verdict.reason if verdict else "",
-        started=started or "",
-        suspended=suspended or is_stopped(conditions),
-        comes_back=Annotation.SETTLED_AT in annotations or Annotation.DUE_AT in annotations,
-    )
-
-
-def find_ending(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: datetime) -> Ending | None:
-    """Returns why the instance has ended, None while it has not. jobs: by component; one that is not created yet has none."""
-    counting = {name: jobs[name] for name in sorted(rules.jobs & jobs.keys())}
-    complete = {name: job.ended for name, job in counting.items() if job.verdict == COMPLETE}
-    failed = {name: job.ended for name, job in counting.items() if job.verdict not in ("", COMPLETE)}
-    if complete and (rules.any_suffices or complete.keys() == rules.jobs):
-        chosen = (min if rules.any_suffices else max)(complete, key=lambda name: complete[name])
-        return Ending(Reason.COMPLETED, chosen, complete[chosen])
-    end = deadline_of(rules, jobs)
-    if failed and (not rules.any_suffices or failed.keys() == rules.jobs):
-        first = min(failed, key=lambda name: failed[name])
-        if end is not None and _ran_out_of_time(jobs[first], end):
-            return _end_by_deadline(end)
-        return Ending(Reason.JOB_FAILED, first, failed[first])
-    return None if end is None or now < end else _end_by_deadline(end)
-
-
-def _end_by_deadline(end: datetime) -> Ending:
-    return Ending(Reason.DEADLINE_EXCEEDED, time=end.isoformat(timespec="seconds").replace("+00:00", "Z"))
-
-
-def _ran_out_of_time(job: JobState, end: datetime) -> bool:
-    """Whether the job was ended because the instance's time was over: by the limit in the Job itself, or by the operator."""
-    return job.reason == OUT_OF_TIME and _parse_time(job.ended) + _CLOCK_DIFFERENCE >= end
-
-
-def deadline_of(rules: CompletionRules, jobs: Mapping[str, JobState]) -> datetime | None:
-    """Returns when the instance's time is over; None without a deadline or a job, and while a job is suspended or waits in a queue.
-
-    An edit of the app begins it anew with the next job that is made: what the jobs before took may be longer than the deadline.
-    """
-    counting = [job for job in jobs.values() if not job.comes_back]
-    if rules.deadline is None or not counting:
-        return None
-    latest = max(job.generation for job in counting)
-    newest = [job for job in counting if job.generation == latest]
-    is_edited = rules.generation > latest and not rules.jobs <= jobs.keys()
-    if is_edited or any(job.suspended and not job.verdict for job in newest):
-        return None
-    return min(_parse_time(job.created) for job in newest) + _measure_waits(newest) + rules.deadline
-
-
-def _measure_waits(jobs: Iterable[JobState]) -> timedelta:
-    """Returns how long jobs have waited between their creation and their last start, counting the time once in which several waited."""
-    total, until = timedelta(), datetime.min.replace(tzinfo=UTC)
-    for created, started in sorted((_parse_time(job.created), _parse_time(job.started or job.created)) for job in jobs):
-        total += max(timedelta(), started - max(created, until))
-        until = max(until, started)
-    return total
-
-
-def _parse_time(text: str) -> datetime:
-    return datetime.fromisoformat(text or "1970-01-01T00:00:00Z")

@@ -396,6 +396,7 @@ class Success(Object, frozen=True, kw_only=True):
 class Completion(Object, frozen=True, kw_only=True):
     success: Success = Success()
     deadline: str | None = None
+    max_restarts: int = 0
 
 
 class AppSpec(Object, frozen=True, kw_only=True):

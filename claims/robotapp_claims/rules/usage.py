@@ -16,8 +16,8 @@ from typing import Final, NamedTuple, TypeVar
 from msgspec.structs import replace
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.completion.endings import JobState, read_job_state
 from robotapp_claims.rules.identity import domain_literal
-from robotapp_claims.rules.instances import JobState, read_job_state
 from robotapp_claims.rules.objects import (
     ROS_DOMAIN_ID,
     Claim,
@@ -131,7 +131,7 @@ class Usage:
     deployments: dict[InstanceKey, set[int]] = field(default_factory=lambda: defaultdict(set))
     """Ids that such Deployments and Jobs name: rule 4 prefers them."""
     jobs: dict[InstanceKey, dict[str, JobState]] = field(default_factory=lambda: defaultdict(dict))
-    """By component: Jobs whose owners lead to the app that their labels name, those that have ended as well."""
+    """By component: Jobs whose owners lead to the app that their labels name, those that have ended as well. {} where all are being deleted."""
     named_by_pods: set[tuple[str, str]] = field(default_factory=set)
     """(namespace, claim) of live pods: apps of one namespace may share without asking."""
     checked: set[str] = field(default_factory=set)
@@ -157,12 +157,16 @@ class Usage:
             self.deployments[key] |= deployment_ids(deployment)
 
     def add_job(self, job: Job) -> None:
-        """Counts a Job. One that has ended starts no pod any more, so it uses no id."""
+        """Counts a Job. One that has ended starts no pod any more, so it uses no id; one that is being deleted decides nothing, as for
+        the operator: it is about to be made anew.
+        """
         self.owners.add(job.metadata)
         key = key_of(job.metadata)
         if key is None or self.owners.app_of(job.metadata) is None:
             return
-        self.jobs[key][job.metadata.labels.get(Label.COMPONENT, "")] = read_job_state(job)
+        states = self.jobs[key]
+        if job.metadata.deletion_timestamp is None:
+            states[job.metadata.labels.get(Label.COMPONENT, "")] = read_job_state(job)
         if job.status.verdict is None:
             template = job.spec.template
             self._add(job.metadata, template.metadata, template.spec)
@@ -263,7 +267,7 @@ def owner_as_used(owner: Owner) -> Owner:
         metadata=_with(
             owner.metadata,
             labels=(Label.APP_UID, Label.INSTANCE, Label.COMPONENT),
-            annotations=(Annotation.APP_GENERATION,),
+            annotations=(Annotation.APP_GENERATION, Annotation.ATTEMPT, Annotation.RESTARTS, Annotation.BEGAN),
         ),
         spec=replace(owner.spec, template=kept),
     )

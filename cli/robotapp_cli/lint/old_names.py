@@ -31,8 +31,9 @@ _JOB_SPEC: Final = {
     ),
     **dict.fromkeys(
         ("ttl", "ttlSecondsAfterFinished"),
-        f"remove it: Jobs that have ended stay with their logs until the app is deleted ({_RUNS_THAT_END})",
+        f"write completion: {{ttl: 1h}} in spec: it deletes the whole app so long after its end ({_RUNS_THAT_END})",
     ),
+    "maxRestarts": f"write completion: {{maxRestarts: 3}} in spec: all jobs run again when one has failed ({_RUNS_THAT_END})",
     **dict.fromkeys(
         ("schedule", "cron"),
         f'write schedule: {{cron: "0 2 * * *"}} beside job in the component ({_RUNS_THAT_END})',
@@ -94,6 +95,7 @@ FIELDS: Final[dict[str, str]] = {
         f"{place}.{name}": cure
         for name, cure in _JOB_SPEC.items()
         for place in ("spec", "spec.completion", _COMPONENT, f"{_COMPONENT}.job", f"{_COMPONENT}.template.spec")
+        if (place, name) not in {("spec.completion", "ttl"), ("spec.completion", "maxRestarts")}
     },
     **{
         f"{place}.{name}": f"write it in schedule beside job: {{cron: …, {name}: …}}"

@@ -102,6 +102,11 @@ class Run:
         return max((job.ended for job in self.jobs), default="") if self.phase in ENDED else ""
 
     @property
+    def restarts(self) -> int:
+        """Returns how often it was started again because a job had failed (completion.maxRestarts)."""
+        return int((self.instance.observed.get("restarts") or {}).get("count") or 0)
+
+    @property
     def exit_codes(self) -> dict[str, int]:
         """Exit codes by component, without those that have none yet."""
         return {job.component: code for job in self.jobs if (code := job.exit_code) is not None}
@@ -179,6 +184,7 @@ def describe_provenance(app: Json, run: Run, kubelets: dict[str, str]) -> Json:
         "startTime": run.started or None,
         "endTime": run.ended or None,
         "seconds": run.seconds(),
+        "restarts": run.restarts,
         "domain": run.instance.domain,
         "jobs": [_describe_job(job, kubelets) for job in run.jobs],
     }
@@ -192,6 +198,7 @@ def _describe_job(job: JobRun, kubelets: dict[str, str]) -> Json:
         "job": meta(job.obj).get("name"),
         "result": job.result,
         "reason": job.reason or None,
+        "attempt": int(annotations.get(Annotation.ATTEMPT) or 0),
         "startTime": job.started or None,
         "endTime": job.ended or None,
         "exitCode": job.exit_code,

@@ -78,7 +78,8 @@ def list_cells(run: Run, parameters: Sequence[str]) -> Sequence[str]:
     exit_text = ", ".join(
         f"{component} {code}" if len(run.jobs) > 1 else str(code) for component, code in codes.items()
     )
-    return run.instance.name or "-", values, run.phase, "" if seconds is None else elapsed(seconds), exit_text
+    phase = f"{run.phase}, restarts: {run.restarts}" if run.restarts else run.phase
+    return run.instance.name or "-", values, phase, "" if seconds is None else elapsed(seconds), exit_text
 
 
 async def fetch_app_with_jobs(session: Session, name: str) -> Json:

@@ -1,4 +1,4 @@
-"""RobotAppInstance: what the operator observed of one instance of an app. A leaf: nothing is decided from it."""
+"""RobotAppInstance: what the operator observed of one instance of an app. Only restarts of its jobs are counted by it."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -136,6 +136,21 @@ class InstanceSummary(Observed):
     """What is wrong first, and what to do."""
 
 
+class Restarts(Observed):
+    """Restarts of an instance because a job had failed (completion.maxRestarts)."""
+
+    count: Count = 0
+    """How many of completion.maxRestarts are used."""
+    attempt: Count = 0
+    """Number of the present attempt, which its Jobs have in the annotation robotics.io/attempt. It never becomes smaller."""
+    run_hash: ShortText = ""
+    """Hash of what its jobs run; with another one the count begins anew."""
+    began: Timestamp | None = None
+    """Since when completion.deadline counts."""
+    message: BriefMessage = ""
+    """Why it was started again last."""
+
+
 class InstanceStatus(Observed):
     """The observation; only the operator writes it."""
 
@@ -163,13 +178,15 @@ class InstanceStatus(Observed):
     """RobotClaims the instance holds."""
     completion_time: Timestamp | None = None
     """When its jobs had completed or failed."""
+    restarts: Restarts | None = None
+    """How often it was started again; absent before that. Written before the Jobs are replaced, and decided from while none is there."""
     moves: Annotated[tuple[Move, ...], ListMap("component"), Field(max_length=64)] = ()
     """Components that were moved to another node (placement.reschedule, devices[].onLoss): a copy of what their Deployments say."""
 
 
 class RobotAppInstance(Model):
     """What runs of one instance of a RobotApp: its components, edges, claims and conditions. The operator writes it, and
-    writes it again when it was deleted; nothing is decided from it.
+    writes it again when it was deleted; only restarts of its jobs are counted by it.
     """
 
     CRD: ClassVar = Kind(

@@ -23,6 +23,12 @@
 - apiGroups: [robotics.io]
   resources: [robotapps]
   verbs: [get, list, watch]
+{{- if .Values.policies.enabled }}
+# Apps that have ended and have spec.completion.ttl: policy {{ include "robotapp.name" . }}-expiry limits this to them, and without it there is no such right.
+- apiGroups: [robotics.io]
+  resources: [robotapps]
+  verbs: [delete]
+{{- end }}
 - apiGroups: [robotics.io]
   resources: [robotapps/status]
   verbs: [patch]

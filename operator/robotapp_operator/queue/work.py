@@ -17,6 +17,8 @@ class Work(StrEnum):
     """Group: app uid, instance. Evicts pods that are to start elsewhere, or again."""
     STATUS = "status"
     """Group: app uid. Debounced: one write covers a burst of changes."""
+    EXPIRY = "expiry"
+    """Group: app uid. Deletes an app some time after its end."""
     GATES = "gates"
     """Group: app uid, instance. Scheduling gates of pods for other schedulers."""
     WAITING = "waiting"

@@ -10,6 +10,7 @@ from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.queue.work import StartOver, Work, name_of, namespace_group
 from robotapp_operator.queue.workqueue import Key, Queue
+from robotapp_operator.reconcile.app_expiry import AppExpiry
 from robotapp_operator.reconcile.domain_pools import Line, Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
@@ -50,7 +51,9 @@ PROBES_REST_S: Final = 10.0
 MOVES_REST_S: Final = 0.5
 RESYNC_S: Final = 600.0
 BUG_DELAY_S: Final = 300.0
-OF_APPS: Final = frozenset({Work.APP, Work.ROBOTS, Work.CHILDREN, Work.INSTANCE, Work.MOVES, Work.STATUS, Work.GATES})
+OF_APPS: Final = frozenset(
+    {Work.APP, Work.ROBOTS, Work.CHILDREN, Work.INSTANCE, Work.MOVES, Work.STATUS, Work.EXPIRY, Work.GATES}
+)
 """Work whose group is an app's uid."""
 OF_LIVING_NAMESPACES: Final = frozenset({Work.CHILDREN, Work.INSTANCE, Work.MOVES, Work.GATES})
 """Work on an app that is pointless where the app's namespace is being deleted: Kubernetes deletes what is there, and creates nothing."""
@@ -73,6 +76,7 @@ class Controller:
         fleet: FleetView,
         pod_events: PodEvents,
         gates: Gates,
+        expiry: AppExpiry,
         probes: Probes,
         pools: Pools,
         list_apps: Callable[[], Awaitable[set[str]]],
@@ -89,6 +93,7 @@ class Controller:
         self._fleet = fleet
         self._pod_events = pod_events
         self._gates = gates
+        self._expiry = expiry
         self._probes = probes
         self._pools = pools
         self._list_apps = list_apps
@@ -101,6 +106,7 @@ class Controller:
             Work.INSTANCE: self._instance_object,
             Work.MOVES: self._moves,
             Work.STATUS: self._status,
+            Work.EXPIRY: self._expire,
             Work.GATES: self._gate,
             Work.WAITING: self._waiting,
             Work.POOL: self._pool,
@@ -337,6 +343,9 @@ class Controller:
         again_s = await self._reporter.report(key.group)
         if again_s is not None:
             self._queue.add(key, delay_s=again_s)
+        record = self._cache.apps.get(key.group)
+        if record is not None and record.app is not None and record.app.ttl is not None:
+            self._queue.add(Key(Work.EXPIRY, key.group))
         for uid in self._memory.crowd.take_few():
             self._queue.add(Key(Work.STATUS, uid))
             for instance in self._cache.instance_objects.instances(uid):
@@ -344,6 +353,12 @@ class Controller:
         self._queue.add(Key(Work.PROBES, ""), delay_s=1.0)
         chosen = self._memory.of(key.group).chosen if key.group in self._cache.apps else None
         return max(STATUS_REST_S, STATUS_REST_PER_INSTANCE_S * len(chosen[0] if chosen else ()))
+
+    async def _expire(self, key: Key) -> float:
+        again_s = await self._expiry.look(key.group)
+        if again_s is not None:
+            self._queue.add(key, delay_s=again_s)
+        return 0.0
 
     async def _gate(self, key: Key) -> float | None:
         before = self._shown_results(key)

@@ -1,7 +1,7 @@
 """Writes RobotAppInstances: one object per instance of an app, created, brought up to date, and deleted with it.
 
-A RobotAppInstance is a leaf: no decision reads it. So a wrong one is deleted by its uid and created again, and so is a missing
-one.
+A wrong RobotAppInstance is deleted by its uid and created again, and so is a missing one: no decision reads it but how its next
+Jobs are numbered, which the record in its status keeps while none is there (`plan.diff.attempts`).
 """
 
 import logging

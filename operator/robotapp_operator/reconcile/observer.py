@@ -11,6 +11,7 @@ from robotapp_api.values.placement.round_trips import UNREACHABLE_US
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_claims.rules.instances import Instance
 from robotapp_client.api.times import Now, utc_now
+from robotapp_operator.plan.diff.attempts import COMPLETION_TIME, read_attempt
 from robotapp_operator.plan.render.devices.ledger import list_handover_notes
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.config_content import list_config_maps, names_secrets
@@ -22,7 +23,14 @@ from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, publish
 from robotapp_operator.reconcile.reconcile_state import AppMemory, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.facts.instance_facts import instance_facts, offline_s
-from robotapp_operator.watch.lister import app_of_instance, cached_domain, instances_by_name, names_config, problems_now
+from robotapp_operator.watch.lister import (
+    app_of_instance,
+    cached_domain,
+    instance_status,
+    instances_by_name,
+    names_config,
+    problems_now,
+)
 
 
 class Observer:
@@ -163,6 +171,7 @@ class Observer:
             cached_domain(app, instance.robot, self._cache, outcome) if borrowed else None,
             memory.config_held.get(instance.robot, ()),
             self._config(app, instance),
+            self._attempts(app, instance),
             (own.stays, own.device_stays),
             [self._cache.telemetry[node].status.devices for node in self._device_nodes(app, instance)],
             self._cache.allocations.version if app.wants_devices else None,
@@ -173,6 +182,11 @@ class Observer:
         """Nodes that report about devices the instance holds."""
         held = self._cache.devices_held(app.uid, instance.robot) if app.wants_devices else ()
         return sorted({claim.spec.device.node for claim in held if claim.spec.device} & self._cache.telemetry.keys())
+
+    def _attempts(self, app: App, instance: Instance) -> tuple[object, ...]:
+        """Returns what its RobotAppInstance records about attempts of its jobs."""
+        status = instance_status(app, instance.robot, self._cache)
+        return (read_attempt(status), COMPLETION_TIME in status)
 
     def _config(self, app: App, instance: Instance) -> tuple[object, ...]:
         """The ConfigMaps and Secrets that the app names for the instance, as they are now."""

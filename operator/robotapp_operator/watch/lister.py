@@ -6,6 +6,7 @@ So they are computed once for each version of the spec and the nodes.
 
 import dataclasses
 from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 from robotapp_api.model.names import Reason
 from robotapp_api.values.overrides import select_overrides
@@ -19,6 +20,7 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.jobs import list_admitted, names_domain
+from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.config_content import ClusterConfig, reads_config
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
@@ -138,6 +140,14 @@ def names_config(app: App, cache: Cache) -> bool:
 def cluster_config_of(cache: Cache) -> ClusterConfig:
     """Returns the cached ConfigMaps and the versions of Secrets."""
     return ClusterConfig(cache.config_maps, cache.secret_versions)
+
+
+def instance_status(app: App, instance: str, cache: Cache) -> Mapping[str, Any]:
+    """Returns the status of the RobotAppInstance, {} without one, and of an app whose instances are never started again."""
+    if not app.max_restarts:
+        return {}
+    item = cache.instance_object_named.get(f"{app.namespace}/{object_name(app.name, instance)}")
+    return item.status if item is not None and item.spec.app_uid == app.uid else {}
 
 
 def _find_kept_robots(app: App, nodeless: Collection[str], cache: Cache) -> frozenset[str]:

@@ -79,6 +79,47 @@ def test_suspend_and_metadata_stay_free_for_who_may_write_the_app(attackers: Att
     )
 
 
+_ENDS = {"ros": {"distro": "humble"}, "components": [{"name": "save", "image": "x", "job": {}}]}
+_HAS_ENDED = {"phase": "Completed", "completionTime": "2026-01-01T00:00:00Z", "observedGeneration": 1}
+
+
+@pytest.mark.parametrize(
+    ("name", "completion", "status"),
+    [
+        ("no-ttl", {}, _HAS_ENDED),
+        ("runs", {"ttl": "1h"}, {"phase": "Running", "observedGeneration": 1}),
+        ("refused", {"ttl": "1h"}, {"phase": "Failed", "observedGeneration": 1}),
+        ("edited", {"ttl": "1h"}, _HAS_ENDED | {"observedGeneration": 0}),
+    ],
+)
+def test_the_operators_token_deletes_no_app_that_does_not_ask_for_it_or_has_not_ended(
+    attackers: Attackers, name: str, completion: dict[str, Any], status: dict[str, Any]
+) -> None:
+    """By its status, which the operator writes: an app with ttl can be ended early by who holds the token, and no other."""
+    path = _store_app(attackers, name, completion, status)
+    with pytest.raises(ApiStatusError, match=r"so the robotapp operator may not delete it; delete it yourself"):
+        attackers.apis["operator"].delete(path)
+    with pytest.raises(ApiStatusError, match=r"cannot delete(collection)? resource"):
+        attackers.apis["operator"].delete(path.rpartition("/")[0])
+    attackers.apis["clerk"].delete(path)
+
+
+def test_the_operators_token_deletes_an_app_that_has_ended_and_asks_for_it(attackers: Attackers) -> None:
+    path = _store_app(attackers, "has-ended", {"ttl": "1h"}, _HAS_ENDED)
+    attackers.apis["operator"].delete(path)
+    with pytest.raises(ApiStatusError, match="not found"):
+        attackers.admin.get(path)
+
+
+def _store_app(attackers: Attackers, name: str, completion: dict[str, Any], status: dict[str, Any]) -> str:
+    """The path of an app with this status."""
+    collection = ROBOTAPP.path(attackers.namespaces["own"])
+    body = {"apiVersion": ROBOTAPP.version, "kind": ROBOTAPP.kind, "metadata": {"name": name}}
+    attackers.admin.create(collection, body | {"spec": _ENDS | {"completion": completion}})
+    attackers.admin.patch(f"{collection}/{name}/status", {"status": status})
+    return f"{collection}/{name}"
+
+
 _ENV = [{"name": f"A{index}"} for index in range(128)]
 _FROM_POD = [{"name": f"A{index}", "valueFrom": {"fieldRef": {"fieldPath": "x"}}} for index in range(128)]
 _SOURCE = {"downwardAPI": {}}
@@ -127,7 +168,13 @@ def test_the_api_servers_type_checker_has_nothing_to_say_about_our_policies(atta
             item for item in items if item.get("status", {}).get("observedGeneration") == item["metadata"]["generation"]
         ]
 
-    names = {"robotapp-references", "robotapp-membership", "robotapp-instances", "robotapp-grants-pods"}
+    names = {
+        "robotapp-references",
+        "robotapp-membership",
+        "robotapp-instances",
+        "robotapp-expiry",
+        "robotapp-grants-pods",
+    }
     assert wait_until(lambda: names <= {item["metadata"]["name"] for item in checked()}, timeout_s=60)
     warnings = {item["metadata"]["name"]: item["status"].get("typeChecking", {}) for item in checked()}
     assert not {name: found for name, found in warnings.items() if found.get("expressionWarnings")}

@@ -85,6 +85,29 @@ def test_the_policy_of_instances_leaves_deletion_and_metadata_to_rbac(rendered: 
     assert covered == [(["CREATE"], ["robotappinstances"]), (["UPDATE"], ["robotappinstances/status"])]
 
 
+def test_the_operator_deletes_apps_only_where_a_policy_holds_it_to_those_that_have_ended(
+    rendered: list[Object],
+) -> None:
+    deleters = {
+        role for role, rule in rules(rendered) if "robotapps" in rule["resources"] and "delete" in rule["verbs"]
+    }
+    assert deleters == {"ClusterRole/robotapp-operator", "ClusterRole/robotapp-editor"}
+    policy = named(rendered, "ValidatingAdmissionPolicy", "robotapp-expiry")
+    covered = [(rule["operations"], rule["resources"]) for rule in policy["spec"]["matchConstraints"]["resourceRules"]]
+    assert covered == [(["DELETE"], ["robotapps"])]
+
+
+def test_without_policies_the_operator_has_no_right_to_delete_apps(chart: Chart) -> None:
+    objects = chart.render({"policies.enabled": "false"})
+    verbs = {
+        verb
+        for role, rule in rules(objects)
+        if role == "ClusterRole/robotapp-operator" and "robotapps" in rule["resources"]
+        for verb in rule["verbs"]
+    }
+    assert verbs == {"get", "list", "watch"}
+
+
 def test_only_the_scheduler_reads_pod_groups_and_it_writes_nothing_but_the_condition_of_the_servers_own(
     rendered: list[Object],
 ) -> None:

@@ -54,8 +54,9 @@ READERS: Final[Mapping[str, str]] = {
         spec.recordings.tiers spec.recordings.image spec.recordings.imagePullPolicy spec.recordings.resources""",
     "crds/robotapp_api/values/sweeps/matrix.py": """
         spec.matrix.parameters.name spec.matrix.parameters.values spec.matrix.parallelism""",
-    f"{CLAIMS}/instances.py": """
-        spec.robots.assignment spec.completion.success.operator spec.completion.success.components spec.completion.deadline""",
+    f"{CLAIMS}/instances.py": "spec.robots.assignment",
+    f"{CLAIMS}/completion/endings.py": """
+        spec.completion.success.operator spec.completion.success.components spec.completion.deadline spec.completion.maxRestarts""",
     f"{CLAIMS}/device.py": """
         spec.components.devices.type spec.components.devices.model spec.components.devices.interface
         spec.components.devices.usbID spec.components.devices.sharing""",
@@ -67,7 +68,7 @@ READERS: Final[Mapping[str, str]] = {
         spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros1.image spec.ros2.shareWith.namespace
         spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend
         spec.placement.reschedule.for spec.placement.reschedule.cooldown spec.components.schedule.cron
-        spec.components.schedule.timeZone""",
+        spec.components.schedule.timeZone spec.completion.ttl""",
     f"{PLAN}/diff/schedules.py": "spec.components.schedule.startingDeadlineSeconds",
     f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
     f"{PLAN}/render/environment.py": "spec.ros1.uri",
@@ -185,6 +186,10 @@ OBSERVED: Final[Mapping[str, str]] = {
     "claims/robotapp_claims/protocol/writes.py": "claimed.node",
     "operator/robotapp_operator/watch/informers.py": "named.app named.appUID named.instance",
     "cli/robotapp_cli/reading/runs.py": "named.matrix",
+    f"{PLAN}/diff/attempts.py": """
+        instance.restarts.count instance.restarts.attempt instance.restarts.runHash instance.restarts.began
+        instance.restarts.message""",
+    "operator/robotapp_operator/reconcile/app_expiry.py": "app.completionTime",
     "cli/robotapp_cli/reading/instances.py": "instance.phase instance.domain app.troubled.instance",
     "cli/robotapp_cli/commands/apps.py": """
         app.observedGeneration app.phase app.conditions.type app.conditions.status app.conditions.reason

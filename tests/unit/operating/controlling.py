@@ -55,8 +55,9 @@ class StubbedController:
         self.queue = Queue(clock=self.clock, jitter=lambda: 0.5, background=BACKGROUND)
         self.children, self.reporter, self.fleet, self.gates = (Worker() for _ in range(4))
         self.objects, self.probes, self.pools, self.mover = (Worker() for _ in range(4))
-        self.pod_events = Worker()
+        self.pod_events, self.expiry = Worker(), Worker()
         self.pod_events.answer = self.reporter.answer = self.objects.answer = self.mover.answer = None
+        self.expiry.answer = None
         self.children.forget = self.memory.forget
         self.listed: list[dict[str, Any]] = []
         self.while_listing: Callable[[], None] = lambda: None
@@ -72,6 +73,7 @@ class StubbedController:
             fleet=self.fleet,  # type: ignore[arg-type]
             pod_events=self.pod_events,  # type: ignore[arg-type]
             gates=self.gates,  # type: ignore[arg-type]
+            expiry=self.expiry,  # type: ignore[arg-type]
             mover=self.mover,  # type: ignore[arg-type]
             probes=self.probes,  # type: ignore[arg-type]
             pools=self.pools,  # type: ignore[arg-type]

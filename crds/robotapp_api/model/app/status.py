@@ -7,7 +7,7 @@ from pydantic import Field, StringConstraints
 from robotapp_api.model.base import Observed
 from robotapp_api.model.conditions import Conditions, initial_conditions
 from robotapp_api.model.names import Phase
-from robotapp_api.model.scalars import Count, Generation, ShortText, Text
+from robotapp_api.model.scalars import Count, Generation, ShortText, Text, Timestamp
 
 PhaseText = Annotated[str, StringConstraints(max_length=32)]
 """A plain string: old readers must survive phases of a newer operator."""
@@ -85,3 +85,5 @@ class RobotAppStatus(Observed):
     """Instances that need somebody to look at them, worst first."""
     summary: Summary = Summary()
     """Combined values for the columns."""
+    completion_time: Timestamp | None = None
+    """When all instances had ended; spec.completion.ttl counts from then."""

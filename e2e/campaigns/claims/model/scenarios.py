@@ -1,6 +1,6 @@
 """Every scenario of the claim protocol with the verdict it must get. `quick` ones run in scripts/test.
 
-R, D and C: the rules as built (C: of devices as ResourceClaims, as they are to be built). E: weaker forms of what follows a restore of etcd. P: weaker forms of parking. L: weaker forms in which something waits for ever. M, DM and CM: mutants. U: unchecked pods.
+R, D and C: the rules as built (C: of devices as ResourceClaims, as they are to be built). E: weaker forms of what follows a restore of etcd. J: instances that are started again. P: weaker forms of parking. L: weaker forms in which something waits for ever. M, DM, CM and JM: mutants. U: unchecked pods.
 All of them: `scripts/bench claims --all`, or `python -m campaigns.claims.claims --all`.
 """
 
@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from campaigns.claims import restarts
 from campaigns.claims.model import device_rules as devices
 from campaigns.claims.model import domain_mutants as mutants
 from campaigns.claims.model import ledger_rules as ledgers
@@ -18,6 +19,7 @@ from campaigns.claims.model.domain_rules import AUTO, NONE, DomainRules, JobRule
 from campaigns.claims.model.explore import Model, Result, explore
 from campaigns.claims.model.ledger import OURS, THEIRS, LedgerModel
 from campaigns.claims.model.ledger_rules import LedgerRules
+from campaigns.claims.restarts import RestartModel, RestartRules
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,12 @@ def ledger(
     """Adds a scenario of devices as ResourceClaims."""
     words = frozenset(expect.split("|"))
     ALL[name] = Scenario(name, about, words, lambda: LedgerModel(rules=rules(), **sizes), live=True, quick=quick)
+
+
+def restart(name: str, about: str, expect: str = "OK", rules: type[RestartRules] = RestartRules, **sizes: Any) -> None:
+    """Adds a scenario of an instance that is started again."""
+    words = frozenset(expect.split("|"))
+    ALL[name] = Scenario(name, about, words, lambda: RestartModel(rules=rules, **sizes), live=True, quick=True)
 
 
 ONE: dict[str, Any] = {"ids": 1, "specs": (AUTO, NONE)}
@@ -305,6 +313,13 @@ for number, about, expect, unsafe, sizes in (
     ("CM14", "two preparations beside each other", "RIVAL", ledgers.LockChangedUnseen, {**RACE, "calls": 2}),
 ):
     ledger(number, about, expect, unsafe, **sizes)
+
+restart("J1", "2 jobs, 1 restart")
+restart("J2", "1 job, 2 restarts", jobs=1, max_restarts=2)
+restart("J3", "2 jobs, 1 restart, 2 operators", operators=2, counts=False)
+restart("JM1", "a failed job ends the instance for the sweep", "EARLY", restarts.EndsWithAFailure)
+restart("JM2", "jobs of earlier attempts decide as well", "EARLY", restarts.EveryAttemptCounts)
+restart("JM3", "jobs are replaced without a record", "MANY", restarts.NothingRecorded, jobs=1)
 
 IN_TURN = (
     *("CM5", "CM6", "CM12", "C3", "C5"),

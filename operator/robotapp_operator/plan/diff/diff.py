@@ -90,7 +90,13 @@ def wanted_children(
     A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
     render_jobs = functools.partial(
-        component_jobs, desired, domain=domain, parameters=parameters, idle=progress.idle, run_times=progress.run_times
+        component_jobs,
+        desired,
+        domain=domain,
+        parameters=parameters,
+        idle=progress.idle,
+        run_times=progress.run_times,
+        attempt=progress.attempt.annotations,
     )
     if progress.ending is not None:
         return [child for child in render_jobs(running=True) if child.component in progress.jobs]
@@ -106,6 +112,7 @@ def wanted_children(
         pods,
         progress.jobs,
         idle=progress.idle,
+        attempt=progress.attempt.number,
     )
     deployments = component_deployments(
         desired,
@@ -115,6 +122,7 @@ def wanted_children(
         master_starts=master_starts,
         waiting=waiting.keys(),
         claiming=claiming,
+        attempt=progress.attempt.annotations.get(Annotation.ATTEMPT, ""),
     )
     jobs = render_jobs(running=running, waiting=waiting.keys(), claiming=claiming)
     new_jobs = {child.ref for child in jobs} - observed.keys()

@@ -15,8 +15,9 @@ import msgspec
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
 from robotapp_api.values.sweeps.matrix import choose_admitted
-from robotapp_claims.rules.instances import Ending, deadline_of, find_ending
+from robotapp_claims.rules.completion.endings import Ending, deadline_of, find_ending, find_failure, read_number
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
+from robotapp_operator.plan.diff.attempts import FIRST, Attempt, find_attempt, plan_next_attempt
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
 from robotapp_operator.plan.diff.schedules import ScheduledRun, is_run, plan_runs
 from robotapp_operator.plan.diff.unowned import domain_literals
@@ -38,7 +39,7 @@ class Progress(NamedTuple):
     """How far the jobs of an instance are."""
 
     jobs: Mapping[str, Job] = {}
-    """Those of today's spec, by component."""
+    """Those of today's spec and of the present attempt, by component."""
     ending: Ending | None = None
     """Why the instance has ended, None while it has not."""
     deadline: datetime | None = None
@@ -47,6 +48,10 @@ class Progress(NamedTuple):
     """Seconds that a Job which is created now may take, None without a deadline."""
     runs: Mapping[str, ScheduledRun] = {}
     """How far each component with schedule is."""
+    attempt: Attempt = FIRST
+    """The present attempt; Jobs of earlier ones are replaced, but no runs of a schedule."""
+    next_attempt: Attempt | None = None
+    """The attempt that is to follow, because a job has failed; to be recorded before anything else is done about it."""
 
     @property
     def idle(self) -> frozenset[str]:
@@ -81,8 +86,8 @@ def is_edited(app: App, component: str, job: Job) -> bool:
     return job.metadata.annotations.get(Annotation.RUN_HASH) != app.run_hashes[component]
 
 
-def judge_progress(app: App, observed: Iterable[object], *, now: datetime) -> Progress:
-    """Returns how far the jobs of an instance are."""
+def judge_progress(app: App, observed: Iterable[object], *, now: datetime, status: Mapping[str, Any] = {}) -> Progress:
+    """Returns how far the jobs of an instance are. status: that of its RobotAppInstance, which has the record of its attempts."""
     if not app.has_jobs:
         return NO_JOBS
     observed = tuple(observed)
@@ -90,13 +95,23 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime) -> Pr
     states = {name: job.state for name, job in jobs.items()}
     ending = find_ending(rules, states, now=now) if rules is not None else None
     runs = plan_runs(app, observed, now=now, has_ended=ending is not None)
-    jobs |= {name: run.current_job for name, run in runs.items() if run.current_job is not None}
+    current_runs = {name: run.current_job for name, run in runs.items() if run.current_job is not None}
     if rules is None:
-        return Progress(jobs, runs=runs)
-    deadline = deadline_of(rules, states)
+        return Progress(jobs | current_runs, runs=runs)
+    attempt = find_attempt(states, status if rules.max_restarts else {}, run_hash=app.runs_hash, ending=ending)
+    states = {name: state for name, state in states.items() if state.attempt >= attempt.number}
+    failure = find_failure(rules, states, now=now)
+    deadline = deadline_of(rules, states, began=attempt.began)
     remaining = deadline - now if deadline is not None else rules.deadline
-    limit_s = max(_AT_ONCE, math.ceil(remaining.total_seconds())) if remaining is not None else None
-    return Progress(jobs, ending, deadline, limit_s, runs)
+    return Progress(
+        {name: jobs[name] for name in states} | current_runs,
+        ending,
+        deadline,
+        limit_s=max(_AT_ONCE, math.ceil(remaining.total_seconds())) if remaining is not None else None,
+        runs=runs,
+        attempt=attempt,
+        next_attempt=plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts) if failure else None,
+    )
 
 
 def list_admitted(
@@ -155,11 +170,13 @@ def is_queued(app: App, job: Job) -> bool:
 def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
     """Returns whether another Job has to take the place of this one.
 
-    An edit of the component replaces its Job, whether it has ended or not, but no run of a schedule. One that has not ended is replaced
+    A later attempt of the instance replaces it in any case. An edit of the component replaces its Job, whether it has ended or not, but no run of a schedule. One that has not ended is replaced
     as well if its pods would never be bound: it names another domain than its instance has, or somebody has changed who binds them. A
     Job that a newer operator made for this generation of the app is never replaced.
     """
     annotations = job.metadata.annotations
+    if job.state.attempt < read_number(child.annotations, Annotation.ATTEMPT):
+        return True
     is_of_newer = is_newer(annotations.get(Annotation.RENDERED_BY, ""), version)
     if is_of_newer and annotations.get(Annotation.APP_GENERATION) == str(app.generation):
         return False

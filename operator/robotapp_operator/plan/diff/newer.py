@@ -73,7 +73,7 @@ def amend(app: App, child: Child, over: Deployment | Service) -> Amendment:
     if not seen:
         _set_image(spec, child)
     _set_domain(spec, child)
-    _set_master_starts(spec, child)
+    _set_restarts(spec, child)
     _set_binding_rules(spec, child)
     return Amendment(None if spec == over.spec else spec, waits=_edit_waits(app, child, over))
 
@@ -118,17 +118,18 @@ def _set_domain(spec: dict[str, Any], child: Child) -> None:
 
 
 def restarted_spec(child: Child, over: Deployment | Service) -> dict[str, Any] | None:
-    """Returns the spec that restarts the pods of a ROS 1 component as they are written, None where a restart is not due."""
+    """Returns the spec that restarts the pods of a component as they are written, None where a restart is not due."""
     spec = copy.deepcopy(over.spec)
-    _set_master_starts(spec, child)
+    _set_restarts(spec, child)
     return None if spec == over.spec else spec
 
 
-def _set_master_starts(spec: dict[str, Any], child: Child) -> None:
-    """Nodes whose master was started anew are restarted, whoever wrote their template."""
-    key, wanted = Annotation.MASTER_STARTS, pod_annotations(child.spec).get(Annotation.MASTER_STARTS)
-    if wanted and wanted != pod_annotations(spec).get(key) and pod_spec(spec):
-        spec["template"].setdefault("metadata", {}).setdefault("annotations", {})[key.value] = wanted
+def _set_restarts(spec: dict[str, Any], child: Child) -> None:
+    """Nodes whose master was started anew, and all components with another attempt, are restarted, whoever wrote their template."""
+    for key in (Annotation.MASTER_STARTS, Annotation.ATTEMPT):
+        wanted = pod_annotations(child.spec).get(key)
+        if wanted and wanted != pod_annotations(spec).get(key) and pod_spec(spec):
+            spec["template"].setdefault("metadata", {}).setdefault("annotations", {})[key.value] = wanted
 
 
 def binding_rules(spec: Mapping[str, Any]) -> tuple[str, bool]:

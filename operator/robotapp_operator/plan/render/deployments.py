@@ -1,5 +1,6 @@
 """One Deployment per component per instance, or one Job for a component that ends, and for each run of one with schedule."""
 
+import dataclasses
 from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
@@ -32,9 +33,11 @@ def component_deployments(
     master_starts: Mapping[str, str] = {},
     waiting: Collection[str] = (),
     claiming: Collection[str] = (),
+    attempt: str = "",
 ) -> list[Child]:
     """`running` False: no pods (suspended, or no domain to be had), everything else stays. master_starts: by component.
     waiting: components without pods so far. claiming: components whose devices come by a ResourceClaim.
+    attempt: number of the instance's, "" for the first one. With another one all pods start anew.
     """
     children = []
     for component in desired.app.spec.components:
@@ -42,7 +45,9 @@ def component_deployments(
             continue
         state, starts = parameters.get(component.name, NONE), master_starts.get(component.name, "")
         by_claim = component.name in claiming
-        template = pod_template(component, desired, domain=domain, state=state, master_starts=starts, by_claim=by_claim)
+        template = pod_template(
+            component, desired, domain=domain, state=state, master_starts=starts, attempt=attempt, by_claim=by_claim
+        )
         if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.name not in waiting
@@ -60,24 +65,28 @@ def component_jobs(
     idle: Collection[str] = (),
     claiming: Collection[str] = (),
     run_times: Mapping[str, RunTimes] = {},
+    attempt: Mapping[str, str] = {},
 ) -> list[Child]:
     """Returns the Jobs of the components with job. idle: those whose job has ended, or is not due, so that it needs no device. run_times: which
-    run of each component with schedule is wanted.
+    run of each component with schedule is wanted. attempt: annotations of the Jobs of another attempt than the first one; a run of a
+    schedule belongs to none.
     """
     children = []
     for component in desired.app.spec.components:
         if component.job is None or (component.schedule is not None and component.name not in run_times):
             continue
         by_claim = component.name in claiming and component.name not in idle
-        state = parameters.get(component.name, NONE)
-        template = pod_template(component, desired, domain=domain, state=state, by_claim=by_claim)
+        state, marks = parameters.get(component.name, NONE), attempt if component.schedule is None else {}
+        number = marks.get(Annotation.ATTEMPT, "")
+        template = pod_template(component, desired, domain=domain, state=state, attempt=number, by_claim=by_claim)
         if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.replicas > 0 and component.name not in {*waiting, *idle}
         if desired.app.queue and not is_running and component.name not in idle:
             continue  # kueue would resume a Job that we suspend: one that must not run is deleted
         times = run_times.get(component.name, RunTimes())
-        children.append(_job(component, desired, component.job, template, running=is_running, times=times))
+        child = _job(component, desired, component.job, template, running=is_running, times=times)
+        children.append(dataclasses.replace(child, annotations={**child.annotations, **marks}))
     return children
 
 

@@ -1,6 +1,7 @@
 """RobotAppInstance as the operator reads and writes it: one object per instance of an app.
 
-A leaf: Deployments, pods and claims belong to the RobotApp, so this object can be deleted at any time and comes back.
+Deployments, pods and claims belong to the RobotApp, so this object can be deleted at any time and comes back. Then restarts
+of its jobs are counted by the Jobs that are there (`plan.diff.attempts`).
 """
 
 from typing import Any

@@ -45,11 +45,12 @@ def pod_template(
     domain: Domain | None,
     state: ParameterState,
     master_starts: str = "",
+    attempt: str = "",
     by_claim: bool = False,
 ) -> dict[str, Any]:
     """Returns labels, annotations and spec of the component's pods.
 
-    master_starts: those for which they were restarted. by_claim: their devices come by a ResourceClaim.
+    master_starts: those for which they were restarted. attempt: number of the instance's, "" for the first one. by_claim: their devices come by a ResourceClaim.
     """
     template = component.template.spec
     annotations = component.template.metadata.annotations | parameter_annotations(component, desired, state)
@@ -57,6 +58,8 @@ def pod_template(
         annotations[Annotation.DOMAIN_CLAIM.value] = domain.claim  # spares the scheduler a search
     if master_starts:
         annotations[Annotation.MASTER_STARTS.value] = master_starts
+    if attempt:
+        annotations[Annotation.ATTEMPT.value] = attempt
     spec = {
         "schedulerName": desired.app.scheduler_name,
         # A robot's process has no business with the API server unless its author gave it an account. `default` is what

@@ -2,9 +2,10 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.completion.endings import read_number
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment, Job, Pod
+from robotapp_operator.plan.spec.objects import Deployment, Job, Pod, pod_annotations
 
 
 def unmet_dependencies(
@@ -14,11 +15,13 @@ def unmet_dependencies(
     jobs: Mapping[str, Job] = {},
     *,
     idle: Collection[str] = (),
+    attempt: int = 0,
 ) -> dict[str, tuple[str, ...]]:
     """Returns, by component that must not start yet, the components it waits for. deployments: of one instance.
 
     A component whose Deployment has pods has started. One that was stopped, by `suspend` for example, waits again.
-    jobs: by component, those of today's spec. idle: components with nothing to start now.
+    jobs: by component, those of today's spec and of the present attempt. idle: components with nothing to start now.
+    attempt: number of the present one. A Deployment whose template is of an earlier one has not started: its pods are about to end.
     pods: by their Deployment's uid; None where they are not known. They are looked at as well, because the status of a Deployment
     that is started anew may still count the pods it had before.
     """
@@ -27,7 +30,7 @@ def unmet_dependencies(
     by_component = {
         item.metadata.labels.get(Label.COMPONENT, ""): item
         for item in deployments
-        if item.metadata.controller_uid == app.uid
+        if item.metadata.controller_uid == app.uid and (not attempt or _read_attempt(item) >= attempt)
     }
     names_by_status = {
         "Ready": {name for name, item in by_component.items() if _is_ready(item, pods)},
@@ -43,6 +46,11 @@ def unmet_dependencies(
             )
             unmet |= {component.name: names} if names else {}
     return unmet
+
+
+def _read_attempt(deployment: Deployment) -> int:
+    """Returns the attempt of which the Deployment's template is."""
+    return read_number(pod_annotations(deployment.spec), Annotation.ATTEMPT)
 
 
 def _has_started(component: str, deployments: Mapping[str, Deployment], jobs: Mapping[str, Job]) -> bool:

@@ -8,7 +8,7 @@ import contextlib
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -30,7 +30,7 @@ from robotapp_api.values.references import Values, reference_values
 from robotapp_api.values.replicas import NumberedReplica, find_replicas
 from robotapp_api.values.schedules.due_times import DueTimes, parse_due_times
 from robotapp_api.values.sweeps.matrix import MatrixInstance, expand_matrix, list_variables
-from robotapp_claims.rules.instances import CompletionRules, completion_rules_of
+from robotapp_claims.rules.completion.endings import CompletionRules, completion_rules_of
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.covers import content_hash
@@ -247,6 +247,23 @@ class App:
             if part.job is not None
         }
 
+    @functools.cached_property
+    def runs_hash(self) -> str:
+        """Hash of what the user wrote about the runs of all components with job and without schedule."""
+        scheduled = {part.name for part in self.spec.components if part.schedule is not None}
+        return content_hash({name: text for name, text in self.run_hashes.items() if name not in scheduled})
+
+    @property
+    def max_restarts(self) -> int:
+        """The number of times an instance is started again when a job has failed."""
+        return self.completion_rules.max_restarts if self.completion_rules else 0
+
+    @property
+    def ttl(self) -> timedelta | None:
+        """`completion.ttl`: how long after its end the app is deleted, None for never."""
+        ttl = self.spec.completion.ttl if self.spec.completion else None
+        return timedelta(seconds=min(_seconds(ttl), LONGEST_S)) if ttl is not None else None
+
     @property
     def edges_in_use(self) -> tuple[Edge, ...]:
         """The edges without those that have an end in a suspended component."""
@@ -454,6 +471,13 @@ class Desired:
             names = (name for name in self.peer_names if not name.startswith(f"{component}."))
             return tuple(name for name in names if name not in ended)
         return ()
+
+
+def find_deletion_time(app: App, completion_time: str) -> datetime | None:
+    """Returns when an app is deleted that has ended then, None where it is not. completion_time: RFC 3339, "" before the end."""
+    if app.ttl is None or not completion_time:
+        return None
+    return datetime.fromisoformat(completion_time).astimezone(UTC) + app.ttl
 
 
 def _seconds(duration: str) -> float:

@@ -11,7 +11,8 @@ import msgspec
 from robotapp_api.model.names import Label
 from robotapp_api.values.placement.round_trips import Rtt
 from robotapp_claims.rules import objects as claims
-from robotapp_claims.rules.instances import JobState, build_job_state, robot_of
+from robotapp_claims.rules.completion.endings import JobState, build_job_state
+from robotapp_claims.rules.instances import robot_of
 from robotapp_claims.rules.objects import TelemetryDevice
 
 _LABELS: Final = frozenset(label.value for label in Label)

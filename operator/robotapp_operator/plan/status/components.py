@@ -8,7 +8,8 @@ from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
-from robotapp_claims.rules.instances import Ending
+from robotapp_claims.rules.completion.endings import Ending
+from robotapp_operator.plan.diff.attempts import FIRST, Attempt
 from robotapp_operator.plan.diff.schedules import ScheduledRun, read_due
 from robotapp_operator.plan.spec.objects import Deployment, Job, Pod, pod_spec
 from robotapp_operator.plan.status.pods.pod_failures import explain_exit, explain_pods, find_last_exit, quote
@@ -170,19 +171,25 @@ def job_view(
     failures: Mapping[str, str] = NO_FAILURES,
     wait: str = "",
     ending: Ending | None = None,
+    attempt: Attempt = FIRST,
     comes_back: bool = False,
 ) -> ComponentView:
-    """Returns the view of a component with job: it is ready while its pod is, and when it has completed. ending: why its instance has ended.
-    comes_back: it has a schedule.
+    """Returns the view of a component with job: it is ready while its pod is, and when it has completed.
+
+    ending: why its instance has ended. attempt: the instance's, or the one that follows because a job has failed. comes_back: it has a
+    schedule, so that it is part of no attempt.
     """
     if job is None:
         text = "" if ending is None else f"was not started, because the instance has ended ({ending.reason})"
-        return dataclasses.replace(_view_missing(component, wait or text), is_job=True, rolling=ending is None)
+        text = wait or text or attempt.message
+        return dataclasses.replace(_view_missing(component, text), is_job=True, rolling=ending is None)
     live = [pod for pod in pods if not pod.terminal and pod.metadata.deletion_timestamp is None]
     completed, ready = job.is_complete, any(pod.is_ready for pod in live)
     reason: Reason | None = None
     message = ""
-    if job.verdict is not None:
+    if job.verdict is not None and not (comes_back or job.is_complete) and job.state.attempt < attempt.number:  # to be replaced
+        message = attempt.message
+    elif job.verdict is not None:
         reason, message = _explain_end_of_job(job, pods, ending, comes_back=comes_back)
     elif not ready:
         reason, message = explain_pods(pods, live, barred)
@@ -208,7 +215,7 @@ def job_view(
         else tuple(sorted({pod.spec.node_name for pod in live if pod.spec.node_name})),
         restarts=min(MAX_RESTARTS, sum(pod.status.phase == "Failed" for pod in pods)),
         reason=reason,
-        message=(message or wait)[:MAX_COMPONENT_CHARACTERS],
+        message=(message or wait or ("" if ready or completed else attempt.message))[:MAX_COMPONENT_CHARACTERS],
         given_up=_list_given_up(live),
         suspended=component.replicas == 0,
         waits=bool(wait),

@@ -9,6 +9,7 @@ from robotapp_api.values.approval import describe_approval
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_claims.rules.device import claimed
 from robotapp_operator.plan.diff.newer import Held, version_key
+from robotapp_operator.plan.spec.desired import find_deletion_time
 from robotapp_operator.plan.spec.text import clip, count, count_of, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
@@ -72,13 +73,21 @@ def _ended(facts: AppFacts) -> Verdict:
         return Verdict(
             "False",
             Reason.COMPLETED,
-            f"{count_of(len(endings), len(endings), 'instance', 'has', 'have')} completed at {last}",
+            f"{count_of(len(endings), len(endings), 'instance', 'has', 'have')} completed at {last}{_deletion(facts)}",
         )
     instance, ending = failed[0]
     text = _named(facts, instance, explain_ending(instance, ending))
     return Verdict(
-        "False", ending.reason, f"{count_of(len(failed), len(endings), 'instance', 'has', 'have')} failed; {text}"
+        "False",
+        ending.reason,
+        f"{count_of(len(failed), len(endings), 'instance', 'has', 'have')} failed; {text}{_deletion(facts)}",
     )
+
+
+def _deletion(facts: AppFacts) -> str:
+    """Returns when an app that has ended is deleted, "" where it is not, and for one of its instances."""
+    moment = None if facts.alone else find_deletion_time(facts.app, facts.completion_time)
+    return f"; it is deleted at {moment:%Y-%m-%dT%H:%M:%SZ} (spec.completion.ttl)" if moment else ""
 
 
 def accepted(facts: AppFacts) -> Verdict:

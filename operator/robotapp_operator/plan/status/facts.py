@@ -5,7 +5,9 @@ from collections.abc import Mapping
 from datetime import datetime
 
 from robotapp_api.model.names import Reason
-from robotapp_claims.rules.instances import Ending, Instance
+from robotapp_claims.rules.completion.endings import Ending
+from robotapp_claims.rules.instances import Instance
+from robotapp_operator.plan.diff.attempts import FIRST, Attempt
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.links import LinkView
@@ -42,6 +44,8 @@ class InstanceFacts:
     """Why it has ended: its jobs have completed or failed."""
     runs_change_at: datetime | None = None
     """When a component with schedule is due, and these facts are others."""
+    attempt: Attempt = FIRST
+    """How often it was started again, and why."""
     edges: tuple[EdgeView, ...] = ()
     domain: int | None = None
     needs_domain: bool = True
@@ -179,6 +183,13 @@ class AppFacts:
     def ended(self) -> bool:
         """Whether all its instances have ended."""
         return bool(self.instances) and all(instance.ending is not None for instance in self.instances)
+
+    @property
+    def completion_time(self) -> str:
+        """The time at which the last of its instances ended; "" while one has not, and for an app that is refused or suspended."""
+        if self.problems or self.app.suspended or not self.ended:
+            return ""
+        return max(instance.ending.time for instance in self.instances if instance.ending)
 
     @property
     def refused(self) -> bool:

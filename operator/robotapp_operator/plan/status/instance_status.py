@@ -5,6 +5,7 @@ from typing import Any, Final
 
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import time_text
+from robotapp_operator.plan.diff.attempts import RECORD, render_attempt
 from robotapp_operator.plan.spec.text import clip, stored_bytes
 from robotapp_operator.plan.status.components import HelperView
 from robotapp_operator.plan.status.conditions import MAX_BRIEF_BYTES, conditions, ready
@@ -36,6 +37,7 @@ OURS: Final = (
     "edgesOmitted",
     "claims",
     "completionTime",
+    RECORD,
 )
 """What the operator writes, and `moves` once there is one."""
 
@@ -72,6 +74,7 @@ def render_instance(facts: AppFacts) -> dict[str, Any]:
             helpers=[_render_helper(helper) for helper in instance.helpers[:MAX_HELPERS]],
             domain=instance.domain,
             completionTime=instance.ending.time if instance.ending else None,
+            restarts=render_attempt(instance.attempt),
             links=[link._asdict() for link in instance.links],
             claims=list(instance.claims[:MAX_CLAIMS]),
             moves=[{"component": name, "times": list(times)} for name, times in instance.moves],

@@ -38,6 +38,7 @@ def render_status(facts: AppFacts) -> dict[str, Any]:
         "instanceCounts": _counts(facts),
         "troubled": troubled(facts),
         "summary": _summary(facts),
+        **written(completionTime=facts.completion_time),
     }
 
 

@@ -10,7 +10,7 @@ from robotapp_api.model.names import ROBOT_END, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUpEdge
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import format_us, time_text
-from robotapp_claims.rules.instances import Ending
+from robotapp_claims.rules.completion.endings import Ending
 from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.spec.text import clip, count, shown
@@ -117,7 +117,8 @@ def explain_ending(instance: InstanceFacts, ending: Ending) -> str:
     """Returns why an instance has failed, and what to do."""
     part = next((each for each in instance.components if each.name == ending.component), None)
     if part is not None:
-        return f"{part.name}: {part.message}"
+        restarts = instance.attempt.restarts
+        return f"{part.name}: {part.message}{f'; restarts before: {restarts}' if restarts else ''}"
     return (
         f"its jobs had not completed at {ending.time}, when their time was over (spec.completion.deadline): write a longer one, and run "
         f"them again with kubectl robotapp runs {instance.app_name} --failed"

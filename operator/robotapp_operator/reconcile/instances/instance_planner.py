@@ -4,6 +4,7 @@ The reconciler of the instance calls it with the children that the caches show, 
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any
 
 from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
 from robotapp_claims.rules.domain import check_request, over_quota
@@ -12,7 +13,7 @@ from robotapp_claims.rules.objects import ResourceClaim
 from robotapp_client.api.times import Now, utc_now
 from robotapp_operator.plan.diff.config_rollout import plan_config
 from robotapp_operator.plan.diff.diff import Observed, Plan, plan, still_running, wanted_children
-from robotapp_operator.plan.diff.jobs import Progress, judge_progress
+from robotapp_operator.plan.diff.jobs import NO_JOBS, Progress, judge_progress
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.render.child import SERVICE, Child
 from robotapp_operator.plan.render.devices.ledger import claiming_components
@@ -30,6 +31,7 @@ from robotapp_operator.watch.lister import (
     cached_domain,
     cluster_config_of,
     describe_turn,
+    instance_status,
     instances_by_name,
     names_config,
     needs_domain,
@@ -65,12 +67,14 @@ class InstancePlanner:
         memory = self._state.of(uid)
         if not needs_domain(app):
             memory.outcomes.pop(robot, None)  # of a time when it needed one
-        progress = self.judge(app, robot, observed)
+        progress = self.judge(app, robot, observed, instance_status(app, robot, self._cache))
+        if progress.next_attempt is not None:
+            return False
         domain = cached_domain(app, robot, self._cache, self._state.outcome(uid, robot))
         if needs_domain(app) and domain is None and progress.ending is None:
             return False
         children = self.list_children(app, robot, domain, observed, progress)
-        plan_now = self.plan_children(app, children, observed)
+        plan_now = self.plan_children(app, children, observed, progress)
         memory.held[robot] = plan_now.held
         is_done = not plan_now and not plan_now.foreign and not self.plan_claims(app, robot, children, observed)
         if is_done:
@@ -120,9 +124,12 @@ class InstancePlanner:
         waits = instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
         return bool(waits) and not observed
 
-    def judge(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> Progress:
-        """Returns how far the instance's jobs are, and remembers when their time is over, and when the next run is due."""
-        progress = judge_progress(app, observed.values(), now=self._now())
+    def judge(self, app: App, robot: str, observed: Mapping[ChildRef, Observed], status: Mapping[str, Any]) -> Progress:
+        """Returns how far the instance's jobs are, and remembers when their time is over, and when the next run is due.
+
+        status: that of its RobotAppInstance.
+        """
+        progress = judge_progress(app, observed.values(), now=self._now(), status=status)
         memory = self._state.of(app.uid)
         memory.deadlines.pop(robot, None)
         memory.next_runs.pop(robot, None)
@@ -160,7 +167,7 @@ class InstancePlanner:
         return [child for child in children if child.ref.kind == SERVICE or child.ref in observed]
 
     def list_stopped_children(
-        self, app: App, robot: str, domain: Domain, observed: Mapping[ChildRef, Observed]
+        self, app: App, robot: str, domain: Domain, observed: Mapping[ChildRef, Observed], progress: Progress
     ) -> list[Child]:
         """Returns the children that are there, scaled to no pods, with the domain that their templates name and the instance has lost."""
         desired = desired_of(app, robot)
@@ -171,14 +178,15 @@ class InstancePlanner:
             running=False,
             observed=observed,
             claiming=self._claiming(desired, observed) if app.wants_devices else (),
-            progress=self.judge(app, robot, observed),
+            progress=progress,
         )
         return [child for child in children if child.ref in observed]
 
-    def plan_children(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:
+    def plan_children(
+        self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed], progress: Progress = NO_JOBS
+    ) -> Plan:
         """Returns what to create, change and delete so that the instance has the wanted children."""
         settled = self._state.of(app.uid).settled
-        progress = judge_progress(app, observed.values(), now=self._now())
         return plan(app, wanted, observed, version=self._version, settled=settled, progress=progress)
 
     def plan_claims(

@@ -20,7 +20,7 @@ from robotapp_client.api.resources import DEPLOYMENTS, JOBS, NODES, ROBOTAPPS, S
 from robotapp_client.api.times import Now, utc_now
 from robotapp_client.transport.errors import means_gone
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, deployment_domain, ref_of, still_running
-from robotapp_operator.plan.diff.jobs import names_domain, protocol_view
+from robotapp_operator.plan.diff.jobs import NO_JOBS, Progress, names_domain, protocol_view
 from robotapp_operator.plan.diff.master_restarts import describe_restart, is_restart, read_master_starts
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.spec.desired import App, Domain
@@ -32,6 +32,7 @@ from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import Written, execute, stop
 from robotapp_operator.reconcile.devices.resource_claims import release_unused, write_claims
 from robotapp_operator.reconcile.domain_pools import count_shared_uses, domain_request
+from robotapp_operator.reconcile.instances.attempt_recorder import AttemptRecorder
 from robotapp_operator.reconcile.instances.instance_planner import InstancePlanner
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
@@ -77,6 +78,7 @@ class InstanceReconciler:
         self._clock = clock
         self._now = now
         self._announce = announce
+        self._attempts = AttemptRecorder(client, cache)
         self._planner = InstancePlanner(cache, memory, version=version, now=now)
 
     async def reconcile(self, uid: str, robot: str) -> bool:
@@ -183,11 +185,13 @@ class InstanceReconciler:
             if observed and await self._is_back(app, robot):
                 return False
             return await self._write(app, robot, [], observed, fences)
-        progress = self._planner.judge(app, robot, observed)
+        progress = await self._judge(app, robot, observed)
+        if progress is None:
+            return False
         if not needs_domain(app) or progress.ending is not None:
             self._memory.of(uid).outcomes.pop(robot, None)
             children = self._planner.list_children(app, robot, None, observed, progress)
-            return await self._write(app, robot, children, observed, fences)
+            return await self._write(app, robot, children, observed, fences, progress=progress)
         outcome = await ensure_domain(
             self._client,
             domain_request(app, instance, self._cache),
@@ -199,13 +203,30 @@ class InstanceReconciler:
         memory = self._memory.of(uid)
         memory.outcomes[robot] = outcome
         if outcome.id is None:
-            return await self._stop_without_domain(app, robot, observed, outcome, fences)
+            return await self._stop_without_domain(app, robot, observed, outcome, fences, progress=progress)
         if outcome.created:
             memory.new_domains[robot] = outcome.id
         if outcome.fences != fences:
             raise StartOver("a Deployment changed while the domain was taken")
         children = self._planner.list_children(app, robot, Domain(outcome.id, outcome.claim), observed, progress)
-        return await self._write(app, robot, children, observed, fences)
+        return await self._write(app, robot, children, observed, fences, progress=progress)
+
+    async def _judge(self, app: App, robot: str, observed: dict[ChildRef, Observed]) -> Progress | None:
+        """Returns how far the instance's jobs are. Where one has failed and all are to run again, that is recorded first, before
+        any of them is replaced; None while there is no RobotAppInstance to record it in.
+        """
+        if not app.max_restarts:
+            return self._planner.judge(app, robot, observed, {})
+        item = await self._attempts.read(app, robot)
+        progress = self._planner.judge(app, robot, observed, item.status if item else {})
+        if progress.next_attempt is None:
+            return progress
+        if item is None:
+            return None
+        item = await self._attempts.record(item, progress.next_attempt)
+        self._announce_about(app, robot, EventReason.STARTED_AGAIN, progress.next_attempt.message, warning=True)
+        progress = self._planner.judge(app, robot, observed, item.status)
+        return progress if progress.next_attempt is None else None
 
     async def _stop_if_suspended(self, record: Record, robot: str) -> bool:
         """Stops the pods of a suspended app whose spec has problems or cannot be read, then frees its devices; nothing else is rendered for it."""
@@ -219,7 +240,14 @@ class InstanceReconciler:
         return True
 
     async def _stop_without_domain(
-        self, app: App, robot: str, observed: dict[ChildRef, Observed], outcome: DomainOutcome, fences: dict[str, Fence]
+        self,
+        app: App,
+        robot: str,
+        observed: dict[ChildRef, Observed],
+        outcome: DomainOutcome,
+        fences: dict[str, Fence],
+        *,
+        progress: Progress,
     ) -> bool:
         """Stops the pods of an instance that gets no id: a template that names an id the instance does not hold must not start pods."""
         if outcome.gone:
@@ -230,8 +258,9 @@ class InstanceReconciler:
             if names_domain(item) and (number := deployment_domain(item)) is not None
         }
         if domain_ids and outcome.unheld:
-            stopped_children = self._planner.list_stopped_children(app, robot, Domain(min(domain_ids)), observed)
-            await self._write(app, robot, stopped_children, observed, fences)
+            domain = Domain(min(domain_ids))
+            stopped_children = self._planner.list_stopped_children(app, robot, domain, observed, progress)
+            await self._write(app, robot, stopped_children, observed, fences, progress=progress)
         return outcome.reason != Reason.PENDING
 
     async def _write(
@@ -241,9 +270,11 @@ class InstanceReconciler:
         wanted: list[Child],
         observed: dict[ChildRef, Observed],
         fences: dict[str, Fence],
+        *,
+        progress: Progress = NO_JOBS,
     ) -> bool:
         """Writes claims of devices, then children: a pod whose claim is not there would be tried again later only."""
-        plan = self._planner.plan_children(app, wanted, observed)
+        plan = self._planner.plan_children(app, wanted, observed, progress)
         claim_plan = self._planner.plan_claims(app, robot, wanted, observed)
         claim_refusals = await write_claims(self._client, app, claim_plan) if claim_plan else []
         memory = self._memory.of(app.uid)

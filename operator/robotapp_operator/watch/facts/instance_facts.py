@@ -38,6 +38,7 @@ from robotapp_operator.watch.lister import (
     cached_domain,
     cluster_config_of,
     describe_turn,
+    instance_status,
     names_config,
     needs_domain,
     owned_deployments,
@@ -65,9 +66,11 @@ def instance_facts(
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
-    progress = judge_progress(app, cache.jobs.of_instance(app.uid, instance.robot).values(), now=now)
+    jobs = cache.jobs.of_instance(app.uid, instance.robot).values()
+    progress = judge_progress(app, jobs, now=now, status=instance_status(app, instance.robot, cache))
     has_ended = progress.ending is not None
-    unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs, idle=progress.idle)
+    attempt = progress.attempt.number
+    unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs, idle=progress.idle, attempt=attempt)
     asks_domain = needs_domain(app) and not has_ended and not describe_turn(app, instance.robot, cache)
     sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
     views = list(_view_components(app, instance.robot, sources))
@@ -83,6 +86,7 @@ def instance_facts(
         domain=domain.id if domain else None,
         ending=progress.ending,
         runs_change_at=None if has_ended else progress.runs_change_at,
+        attempt=progress.attempt,
         needs_domain=asks_domain,
         undecided=asks_domain and domain is None and outcome is None and not instance.problem,
         **count_devices(app, instance, devices, cache, views, idle=idle),
@@ -212,6 +216,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
                 wait=wait,
                 ending=ending,
                 comes_back=component.schedule is not None,
+                attempt=sources.progress.next_attempt or sources.progress.attempt,
             )
             yield view if run is None else scheduled_view(view, run, ending=ending, suspended=app.spec.suspend)
             continue

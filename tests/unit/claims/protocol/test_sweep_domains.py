@@ -1,14 +1,20 @@
 """Domains are given back in two phases, when nothing uses or wants them any more."""
 
+from datetime import UTC, datetime
+
+import msgspec
 import pytest
+from tests.support.claims import objects as make
 from tests.support.claims.objects import app_holder, deployment_json, pod_json
 from tests.unit.claims.protocol.sweep_rig import SweepRig, number
 
+from robotapp_api.model.names import Annotation
 from robotapp_claims.protocol.domains import ensure_domain
 from robotapp_claims.protocol.sweeper import Sweeper
 from robotapp_claims.rules.domain import DomainRequest
 from robotapp_client.api.resources import (
     DEPLOYMENTS,
+    JOBS,
     NODES,
     PODS,
     REPLICASETS,
@@ -173,3 +179,28 @@ async def test_a_namespaced_sweep_that_may_not_look_elsewhere_leaves_domains_to_
     assert rig.phase(name) == "Draining"
     await rig.sweep()
     assert rig.phase(name) == "gone"
+
+
+@pytest.mark.parametrize(
+    ("max_restarts", "used", "phase"), [(0, 0, "Draining"), (2, 0, "Reserved"), (2, 1, "Reserved"), (2, 2, "Draining")]
+)
+async def test_the_domain_of_an_instance_that_starts_again_stays_until_no_restart_is_left(
+    max_restarts: int, used: int, phase: str
+) -> None:
+    rig = SweepRig(components=[{"name": "save", "job": {}}], completion={"maxRestarts": max_restarts})
+    claim = await rig.domain()
+    job = msgspec.to_builtins(make.job(number(claim), of=make.labels(rig.app.uid), verdict="Failed"))
+    job["metadata"]["annotations"] |= {str(key): str(used) for key in (Annotation.ATTEMPT, Annotation.RESTARTS)}
+    rig.store.put(JOBS, job)
+    await rig.sweep()
+    assert rig.phase(claim) == phase
+
+
+async def test_the_time_of_jobs_is_over_by_the_wall_clock_of_the_sweep() -> None:
+    rig = SweepRig(components=[{"name": "save", "job": {}}], completion={"deadline": "90s"})
+    claim = await rig.domain()
+    rig.store.put(JOBS, msgspec.to_builtins(make.job(8, of=make.labels(rig.app.uid), created="2026-01-01T00:00:00Z")))
+    for minute, phase in ((1, "Reserved"), (2, "Draining")):
+        moment = datetime(2026, 1, 1, 0, minute, tzinfo=UTC)
+        await rig.another(now=lambda moment=moment: moment).sweep_once()
+        assert rig.phase(claim) == phase

@@ -7,17 +7,20 @@ import msgspec
 import pytest
 from tests.support.claims import objects as make
 
-from robotapp_api.model.names import Reason
-from robotapp_claims.rules.instances import (
+from robotapp_api.model.names import Annotation, Reason
+from robotapp_claims.rules.completion.endings import (
     CompletionRules,
     JobState,
+    build_job_state,
     completion_rules_of,
     deadline_of,
+    find_beginning,
     find_ending,
+    find_failure,
     read_job_state,
 )
 from robotapp_claims.rules.objects import App, JobCondition, JobSpec
-from robotapp_claims.rules.usage import usage_of
+from robotapp_claims.rules.usage import owner_as_used, usage_of
 
 START = "2026-01-01T00:00:00Z"
 NOW = datetime(2026, 1, 1, 0, 1, tzinfo=UTC)
@@ -131,6 +134,64 @@ def test_an_edit_of_the_app_runs_a_job_again_whose_deadline_was_over() -> None:
     assert reason_of(SIXTY_SECONDS._replace(generation=2), a=old, b=old) is Reason.COMPLETED
 
 
+TWICE = CompletionRules(frozenset({"a", "b"}), max_restarts=2)
+"""A failure of one of them starts both again, two times at most."""
+AGAIN = RUNNING._replace(attempt=1, restarts=1)
+
+
+def test_an_instance_that_is_to_be_started_again_has_not_ended() -> None:
+    jobs = {"a": COMPLETE, "b": FAILED._replace(reason="BackoffLimitExceeded")}
+    assert find_ending(TWICE, jobs, now=NOW) is None
+    assert find_failure(TWICE, jobs, now=NOW) == ("b", "BackoffLimitExceeded")
+    assert find_failure(TWICE._replace(max_restarts=0), jobs, now=NOW) is None
+    assert find_failure(TWICE, {"a": COMPLETE, "b": RUNNING}, now=NOW) is None
+    assert find_failure(TWICE, {}, now=NOW) is None
+
+
+def test_a_job_of_an_earlier_attempt_decides_nothing() -> None:
+    assert reason_of(TWICE, a=COMPLETE, b=COMPLETE._replace(attempt=1, restarts=1)) is None
+    assert reason_of(TWICE._replace(any_suffices=True), a=COMPLETE, b=AGAIN) is None
+    assert find_failure(TWICE, {"a": FAILED, "b": AGAIN}, now=NOW) is None
+    both = COMPLETE._replace(attempt=1, restarts=1)
+    assert reason_of(TWICE, a=both, b=both) is Reason.COMPLETED
+
+
+def test_the_last_allowed_attempt_ends_the_instance_and_a_job_that_was_edited_begins_to_count_anew() -> None:
+    last = FAILED._replace(attempt=2, restarts=2)
+    assert reason_of(TWICE, a=last, b=COMPLETE._replace(attempt=2, restarts=2)) is Reason.JOB_FAILED
+    edited = FAILED._replace(attempt=2, restarts=0)
+    assert find_failure(TWICE, {"a": edited, "b": last._replace(verdict="Complete")}, now=NOW) == ("a", "")
+
+
+def test_the_deadline_counts_over_all_attempts_without_the_time_in_which_jobs_waited() -> None:
+    rules = SIXTY_SECONDS._replace(max_restarts=3)
+    waited = FAILED._replace(generation=1, started="2026-01-01T00:00:20Z")
+    began = find_beginning({"a": waited})
+    assert began == "2026-01-01T00:00:20Z"
+    again = JobState("2026-01-01T00:00:50Z", generation=1, attempt=1, restarts=1, began=began)
+    end = datetime(2026, 1, 1, 0, 1, 20, tzinfo=UTC)
+    assert deadline_of(rules, {"a": again}) == deadline_of(rules, {}, began=began) == end
+    late = FAILED._replace(generation=1, created="2026-01-01T00:00:50Z", attempt=1, restarts=1, began=START)
+    assert find_failure(rules, {"a": late}, now=NOW) is None
+    assert reason_of(rules, a=late) is Reason.DEADLINE_EXCEEDED
+    assert reason_of(rules, a=OUT_OF_TIME._replace(generation=1)) is Reason.DEADLINE_EXCEEDED
+
+
+@pytest.mark.parametrize("text", ["", "-1", "x", "9" * 5000, "٣", "1e3"])
+def test_what_people_write_into_the_annotations_of_a_job_is_no_number(text: str) -> None:
+    annotations = {str(key): text for key in (Annotation.ATTEMPT, Annotation.RESTARTS, Annotation.APP_GENERATION)}
+    state = build_job_state(annotations, (), created=START, started=None, suspended=False)
+    assert (state.attempt, state.restarts, state.generation) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("text", ["soon", "2026-01-01T00:00:00", "0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59Z"])
+def test_what_people_write_as_the_beginning_of_a_job_does_not_count(text: str) -> None:
+    state = build_job_state({str(Annotation.BEGAN): text}, (), created=START, started=None, suspended=False)
+    assert find_beginning({"a": state}) == START
+    later = state._replace(began="2026-01-01T00:00:30Z")
+    assert find_beginning({"a": later}) == START
+
+
 def test_time_in_which_jobs_are_suspended_or_wait_in_a_queue_does_not_count() -> None:
     rules = SIXTY_SECONDS._replace(generation=0)
     assert reason_of(rules, a=RUNNING) is Reason.DEADLINE_EXCEEDED
@@ -177,3 +238,16 @@ def test_a_job_that_only_claims_to_be_an_apps_counts_for_nothing() -> None:
     usage = usage_of(jobs=[forged])
     assert not usage.jobs
     assert not usage.owned
+
+
+def test_a_sweep_reads_the_attempt_of_a_job_and_not_of_one_that_is_being_deleted() -> None:
+    job = make.job(7, of=make.labels("uid-1"), verdict="Failed")
+    marks = {str(Annotation.ATTEMPT): "2", str(Annotation.RESTARTS): "1", str(Annotation.BEGAN): START}
+    meta = msgspec.structs.replace(job.metadata, annotations={**job.metadata.annotations, **marks})
+    marked = owner_as_used(msgspec.structs.replace(job, metadata=meta))
+    ((state,),) = (states.values() for states in usage_of(jobs=[marked]).jobs.values())
+    assert (state.attempt, state.restarts, state.began) == (2, 1, START)
+    going = msgspec.structs.replace(job, metadata=msgspec.structs.replace(meta, deletion_timestamp=START))
+    usage = usage_of(jobs=[going])
+    assert list(usage.jobs.values()) == [{}]
+    assert usage.named_by_instance("team", "uid-1") == {"": frozenset()}

@@ -32,6 +32,7 @@ DURATIONS = (
     "spec.connectivity.grace",
     "spec.recordings[].split.duration",
     "spec.completion.deadline",
+    "spec.completion.ttl",
 )
 GONE = {path: value for path, value in GONE_FIELDS["RobotApp"].items() if not path.startswith("status.")}
 
@@ -67,7 +68,8 @@ def of_component(**fields: Any) -> tuple[str, str]:
         ({"job": {"timeZone": "Europe/Athens"}}, "write it in schedule beside job"),
         ({"job": {}, "schedule": {"cron": "0 3 * * *", "concurrencyPolicy": "Forbid"}}, "has that one skipped"),
         ({"job": {}, "schedule": {"cron": "0 3 * * *", "suspend": True}}, "write replicas: 0"),
-        ({"job": {"ttlSecondsAfterFinished": 60}}, "stay with their logs until the app is deleted"),
+        ({"job": {"ttlSecondsAfterFinished": 60}}, "write completion: {ttl: 1h} in spec"),
+        ({"job": {"maxRestarts": 3}}, "write completion: {maxRestarts: 3} in spec"),
         (
             {"template": {"spec": {"activeDeadlineSeconds": 9}}},
             "write job: {activeDeadlineSeconds: …} in the component",
@@ -88,8 +90,8 @@ def test_what_other_kinds_have_is_answered_with_what_to_write(fields: dict[str, 
     ("fields", "path", "cure"),
     [
         ({"schedule": "0 3 * * *"}, "spec.schedule", "beside job in the component"),
-        ({"ttl": "1h"}, "spec.ttl", "until the app is deleted"),
-        ({"completion": {"ttl": "1h"}}, "spec.completion.ttl", "until the app is deleted"),
+        ({"ttl": "1h"}, "spec.ttl", "write completion: {ttl: 1h}"),
+        ({"completion": {"ttlSecondsAfterFinished": 9}}, "spec.completion.ttlSecondsAfterFinished", "{ttl: 1h}"),
     ],
 )
 def test_a_clock_and_an_end_of_jobs_are_answered_with_what_there_is(

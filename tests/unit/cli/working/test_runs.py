@@ -107,6 +107,21 @@ def test_provenance_has_what_a_run_was_run_with(stage: Stage) -> None:
     assert (third["startTime"], third["jobs"]) == (None, [])
 
 
+def test_a_run_that_was_started_again_has_how_often(stage: Stage) -> None:
+    fill(stage)
+    again = run_object("e", "Running", speed="4.5", seed="42")
+    again["status"]["restarts"] = {"count": 1, "attempt": 3}
+    third = job("e")
+    third["metadata"]["annotations"]["robotics.io/attempt"] = "3"
+    stage.add(INSTANCES, again)
+    stage.add(JOBS, third)
+    (line,) = (line for line in stage.text("runs", "teleop").splitlines() if line.startswith("e "))
+    assert "Running, restarts: 1" in line
+    runs = {run["run"]: run for run in json.loads(stage.text("runs", "teleop", "-o", "json"))}
+    assert (runs["e"]["restarts"], runs["e"]["jobs"][0]["attempt"]) == (1, 3)
+    assert (runs["a"]["restarts"], runs["a"]["jobs"][0]["attempt"]) == (0, 0)
+
+
 def test_failed_runs_are_repeated_and_others_are_left_alone(stage: Stage) -> None:
     fill(stage)
     printed = stage.text("runs", "teleop", "--failed")

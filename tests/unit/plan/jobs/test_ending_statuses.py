@@ -9,7 +9,8 @@ from tests.support.factories import component, make_app, make_deployment, make_p
 from tests.unit.plan.status.test_status import UP, condition, instance, message, status_of
 
 from robotapp_api.model.names import Condition, EventReason, Label, Phase, Reason
-from robotapp_claims.rules.instances import Ending
+from robotapp_claims.rules.completion.endings import Ending
+from robotapp_operator.plan.diff.attempts import Attempt
 from robotapp_operator.plan.spec.objects import Job, Pod
 from robotapp_operator.plan.status.components import ComponentView, component_view, job_view
 from robotapp_operator.plan.status.events import events_between
@@ -141,3 +142,52 @@ def test_an_app_whose_driver_waits_for_a_job_that_has_failed_is_degraded() -> No
     status = status_of(instance(failed, waits), app=SPEC)
     assert status["phase"] == Phase.DEGRADED
     assert condition(status, Condition.READY) == ("False", Reason.JOB_FAILED)
+
+
+def test_an_app_with_ttl_has_its_end_and_when_it_is_deleted_and_one_that_runs_or_is_suspended_has_not() -> None:
+    app = SPEC | {"completion": {"ttl": "1h"}}
+    ended = instance(DONE, ending=COMPLETED, needs_domain=False, domain=None)
+    status = status_of(ended, app=app)
+    assert status["completionTime"] == AT
+    text = "1 of 1 instance has completed at 2026-01-01T00:00:30Z; it is deleted at 2026-01-01T01:00:30Z (spec.completion.ttl)"
+    assert message(status, Condition.READY) == text
+    failed = status_of(instance(BROKEN, ending=FAILED, needs_domain=False, domain=None), app=app)
+    assert message(failed, Condition.READY).endswith("it is deleted at 2026-01-01T01:00:30Z (spec.completion.ttl)")
+    assert "completionTime" not in status_of(instance(DONE), app=app)
+    assert "completionTime" not in status_of(ended, app=app | {"suspend": True})
+    assert status_of(ended, app=SPEC)["completionTime"] == AT
+
+
+def test_the_end_of_an_app_is_that_of_its_last_instance() -> None:
+    first = instance(DONE, robot="a", ending=COMPLETED, needs_domain=False, domain=None)
+    later = COMPLETED._replace(time="2026-01-01T00:09:00Z")
+    second = instance(DONE, robot="b", ending=later, needs_domain=False, domain=None)
+    assert status_of(first, second, app=SPEC)["completionTime"] == later.time
+    assert "completionTime" not in status_of(first, instance(robot="b"), app=SPEC)
+
+
+AGAIN = Attempt(1, 1, message="restarted 1 of 3 times: job save failed (BackoffLimitExceeded)")
+
+
+def test_a_job_that_is_to_run_again_has_not_failed_for_good_and_its_successor_has_why() -> None:
+    for given in (job("Failed", reason="BackoffLimitExceeded"), None, job()):
+        component_status = view(given, attempt=AGAIN)
+        assert (component_status.reason, component_status.message) == (None, AGAIN.message)
+    assert view(job("Complete"), attempt=AGAIN).message == f"completed at {AT}"
+    running = make_pod(node="edge-1", status={"conditions": [{"type": "Ready", "status": "True"}]})
+    assert view(job(), running, attempt=AGAIN).message == ""
+
+
+def test_an_instance_that_starts_again_is_starting_and_no_event_reports_a_failure() -> None:
+    waits = view(None, attempt=AGAIN)
+    status = status_of(instance(waits, attempt=AGAIN), app=SPEC)
+    assert status["phase"] == Phase.PENDING
+    assert AGAIN.message in message(status, Condition.READY)
+    events = events_between(status_of(instance(DONE), app=SPEC), status, new_domains={})
+    assert EventReason.JOB_FAILED not in [event.reason for event in events]
+
+
+def test_an_instance_that_has_failed_for_good_has_how_often_it_was_started_again() -> None:
+    ended = instance(BROKEN, ending=FAILED, needs_domain=False, domain=None, attempt=AGAIN)
+    text = message(status_of(ended, app=SPEC), Condition.READY)
+    assert text == "1 of 1 instance has failed; save: BackoffLimitExceeded; restarts before: 1"

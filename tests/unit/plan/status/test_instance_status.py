@@ -12,6 +12,7 @@ from robotapp_api.model.instance import InstanceStatus
 from robotapp_api.model.names import Condition, Phase, Reason
 from robotapp_api.values.placement.round_trips import RoundTrips
 from robotapp_claims.rules.instances import Instance
+from robotapp_operator.plan.diff.attempts import Attempt, read_attempt
 from robotapp_operator.plan.spec.text import stored_bytes
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.components import ComponentView
@@ -183,3 +184,12 @@ def test_edges_of_an_ordinary_size_are_all_shown_up_to_64() -> None:
     status = status_of(instance(edges=views))
     assert len(status["edges"]) == 64
     assert status["edgesOmitted"] == 36
+
+
+def test_the_record_of_attempts_is_kept_and_an_instance_that_never_started_again_has_none() -> None:
+    attempt = Attempt(3, 1, "hash", "2026-01-01T00:00:00Z", "restarted 1 of 2 times: job save failed")
+    status = status_of(instance(attempt=attempt))
+    assert read_attempt(status) == attempt
+    assert same_instance_status(status, status)
+    assert not same_instance_status(status, {**status, "restarts": {"count": 0, "attempt": 3}})
+    assert "restarts" not in status_of(instance())

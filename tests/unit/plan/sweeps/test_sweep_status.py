@@ -8,7 +8,8 @@ from tests.support.factories import component, make_app
 from robotapp_api.model.app.status import Summary
 from robotapp_api.model.names import Phase, Reason
 from robotapp_api.values.sweeps.matrix import MOST_INSTANCES
-from robotapp_claims.rules.instances import Ending, Instance
+from robotapp_claims.rules.completion.endings import Ending
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.status.components import ComponentView
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.status import render_status

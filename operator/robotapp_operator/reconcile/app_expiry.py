@@ -1,0 +1,123 @@
+"""Deletes apps some time after their end (spec.completion.ttl), on what the API server says at that moment and never on a cache alone."""
+
+import logging
+from collections import defaultdict
+from datetime import datetime
+from typing import Final
+
+from robotapp_api.model.names import EventReason, Label, Phase
+from robotapp_client import ApiClient, Conflict, Forbidden, NotFound
+from robotapp_client.api.resources import JOBS, ROBOTAPPS
+from robotapp_client.api.times import Now
+from robotapp_client.tools.event_recorder import EventRecorder
+from robotapp_client.transport.errors import means_gone
+from robotapp_operator.plan.diff.jobs import judge_progress
+from robotapp_operator.plan.spec.desired import App, find_deletion_time
+from robotapp_operator.plan.spec.objects import Job
+from robotapp_operator.plan.spec.record import Record
+from robotapp_operator.plan.status.events import PendingEvent
+from robotapp_operator.reconcile.reconcile_state import Again
+from robotapp_operator.reconcile.status_reporter import send_event
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.lister import app_of_instance, wanted_instances
+
+log = logging.getLogger(__name__)
+
+SOON_S: Final = 1.0
+"""Pause after a lost race: by then the watch has delivered what another writer did."""
+REFUSED_S: Final = 600.0
+"""Pause after the API server has refused to let us delete an app."""
+_ENDED: Final = frozenset({Phase.COMPLETED.value, Phase.FAILED.value})
+
+
+def find_expiry(record: Record) -> datetime | None:
+    """Returns when the app is to be deleted by its status, None while it has not ended, and for one without `completion.ttl`.
+
+    A status that was written for another spec decides nothing.
+    """
+    status = record.status
+    if record.app is None or record.deleting or record.app.suspended or status.get("phase") not in _ENDED:
+        return None
+    if status.get("observedGeneration") != record.generation:
+        return None
+    return find_deletion_time(record.app, str(status.get("completionTime") or ""))
+
+
+class AppExpiry:
+    """Looks at one app at a time. `now` is the wall clock, because the time of the end is that of the API server's objects."""
+
+    def __init__(self, client: ApiClient, cache: Cache, recorder: EventRecorder, *, now: Now) -> None:
+        self._client = client
+        self._cache = cache
+        self._recorder = recorder
+        self._now = now
+
+    async def look(self, uid: str) -> Again:
+        """Deletes the app if its time has come; else returns the seconds until then, None while it has none."""
+        record = self._cache.apps.get(uid)
+        wait_s = self._wait_s(record)
+        if record is None or wait_s is None or wait_s > 0:
+            return wait_s
+        current = await self._read(record)
+        wait_s = self._wait_s(current)
+        if current is None or current.app is None or wait_s is None or wait_s > 0:
+            return wait_s
+        if not await self._have_all_ended(current.app):
+            return None  # somebody runs a job again; the status that follows wakes the key
+        return await self._delete(current)
+
+    def _wait_s(self, record: Record | None) -> Again:
+        expiry = find_expiry(record) if record is not None else None
+        return None if expiry is None else max(0.0, (expiry - self._now()).total_seconds())
+
+    async def _read(self, record: Record) -> Record | None:
+        """Returns the app as it is now; None when it is gone or replaced by another."""
+        try:
+            body = await self._client.get(ROBOTAPPS, record.name, namespace=record.namespace)
+        except NotFound as error:
+            if not means_gone(error, record.name):
+                raise
+            return None
+        return self._cache.update_app(body) if body["metadata"]["uid"] == record.uid else None
+
+    async def _have_all_ended(self, app: App) -> bool:
+        """Returns whether the Jobs of all instances, read now, show that they have ended."""
+        selector = f"{Label.APP_UID}={app.uid}"
+        listing = await self._client.list(JOBS, namespace=app.namespace, label_selector=selector, as_type=Job)
+        jobs: defaultdict[str, list[Job]] = defaultdict(list)
+        for job in listing.items:
+            jobs[job.metadata.instance].append(job)
+        instances, now = wanted_instances(app, self._cache), self._now()
+        return bool(instances) and all(
+            judge_progress(app_of_instance(app, instance, self._cache), jobs[instance.robot], now=now).ending
+            is not None
+            for instance in instances
+        )
+
+    async def _delete(self, record: Record) -> Again:
+        """Deletes this very app in this very version, in the way in which `kubectl delete` does."""
+        completion = record.app.spec.completion if record.app else None
+        ttl = completion.ttl if completion else ""
+        phase, end = record.status.get("phase"), record.status.get("completionTime")
+        note = f"{phase} at {end}, so it is deleted with its Jobs and their logs (spec.completion.ttl: {ttl})"
+        send_event(self._recorder, record, PendingEvent(EventReason.EXPIRED, note, warning=False))
+        log.info("%s/%s: %s", record.namespace, record.name, note)
+        try:
+            await self._client.delete(
+                ROBOTAPPS,
+                record.name,
+                namespace=record.namespace,
+                uid=record.uid,
+                resource_version=record.resource_version,
+                propagation="Background",
+            )
+        except NotFound:
+            return None
+        except Conflict:
+            return SOON_S
+        except Forbidden as refusal:
+            text = f"it was to be deleted (spec.completion.ttl), but the API server refuses it: {refusal.message}; delete it yourself"
+            log.warning("%s/%s: %s", record.namespace, record.name, text)
+            send_event(self._recorder, record, PendingEvent(EventReason.EXPIRED, text, warning=True))
+            return REFUSED_S
+        return None
