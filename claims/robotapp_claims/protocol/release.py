@@ -9,11 +9,12 @@ from collections.abc import Iterable
 from datetime import datetime, timedelta
 from typing import Final
 
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_claims.protocol.writes import Api, Refused, delete_claim
 from robotapp_claims.rules.objects import Claim, Pod
 from robotapp_client.api.bodies import STRATEGIC
 from robotapp_client.api.resources import PODS
-from robotapp_client.api.times import Now, utc_now, whole_seconds
+from robotapp_client.api.times import Now, utc_now
 from robotapp_client.transport.errors import Conflict, NotFound
 
 SECOND: Final = timedelta(seconds=1)

@@ -12,15 +12,6 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
-def whole_seconds(moment: datetime) -> str:
-    """RFC 3339 without fractions (meta/v1 Time).
-
-    >>> whole_seconds(datetime(2026, 1, 2, 3, 4, 5, 678, tzinfo=UTC))
-    '2026-01-02T03:04:05Z'
-    """
-    return f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
-
-
 def micro_time(moment: datetime) -> str:
     """RFC 3339 with exactly six digits (meta/v1 MicroTime).
 

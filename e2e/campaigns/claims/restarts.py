@@ -11,7 +11,13 @@ from typing import Any, Final, NamedTuple
 
 from campaigns.claims.model.explore import Move
 from robotapp_claims.rules.completion.endings import CompletionRules, JobState, find_ending, find_failure
-from robotapp_operator.plan.diff.attempts import RECORD, Attempt, find_attempt, plan_next_attempt, render_attempt
+from robotapp_operator.plan.diff.attempts import (
+    RESTARTS_FIELD,
+    Attempt,
+    find_attempt,
+    plan_next_attempt,
+    render_attempt,
+)
 
 CREATED: Final = "2026-01-01T00:00:00Z"
 RUN_HASH: Final = "h"
@@ -151,7 +157,7 @@ class RestartModel:
         if ending is not None:
             return
         record = render_attempt(Attempt(*s.record, RUN_HASH))
-        attempt = find_attempt(states, {RECORD: record}, run_hash=RUN_HASH, ending=ending)
+        attempt = find_attempt(states, {RESTARTS_FIELD: record}, run_hash=RUN_HASH, ending=ending)
         present = {name: job for name, job in states.items() if job.attempt >= attempt.number}
         failure = find_failure(rules, present, now=_NOW)
         if failure is not None:

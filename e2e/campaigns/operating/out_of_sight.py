@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from campaigns.rigs.live import Tenant, eventually
 from robotapp_api.model.names import Label
-from robotapp_client.api.times import utc_now, whole_seconds
+from robotapp_api.values.quantities.times import whole_seconds
+from robotapp_client.api.times import utc_now
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.components import SIMULATED_BY_KWOK
 from robotapp_testbed.machines import topology

@@ -19,10 +19,11 @@ import uvloop
 
 from campaigns.speed.watches import SeenPod
 from campaigns.speed.workloads import DRIVER, ROLE, SCHEDULER, filler_name
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_client.api.bodies import STRATEGIC
 from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import EVENTS, LEASES, NODES, PODS, RESOURCECLAIMS
-from robotapp_client.api.times import micro_time, utc_now, whole_seconds
+from robotapp_client.api.times import micro_time, utc_now
 from robotapp_client.informer.reflector import Change, Reflector
 from robotapp_client.transport.errors import NotFound
 from robotapp_client.transport.kubeconfig import load as login

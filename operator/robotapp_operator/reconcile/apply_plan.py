@@ -62,7 +62,7 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
     """
     done = Written()
     for item in plan.deletes:
-        await _delete(client, item, is_outlived=item.metadata.uid in plan.outlived)
+        await _delete(client, item, is_awaited=item.metadata.uid in plan.awaited)
         done.count += 1
     for change in plan.changes:
         try:
@@ -249,14 +249,14 @@ async def _patch_tested(
         raise StartOver(f"{name} changed while it was written") from refusal
 
 
-async def _delete(client: ApiClient, item: Observed, *, is_outlived: bool = False) -> None:
+async def _delete(client: ApiClient, item: Observed, *, is_awaited: bool = False) -> None:
     """Deletes by uid: an object of this name with another uid is not the one that was planned for.
 
-    A Job goes after its last pod, so that its successor's pod never runs beside it, and so does what is outlived by a successor.
+    A Job goes after its last pod, so that its successor's pod never runs beside it, and so does an object whose last pod is awaited.
     """
     meta = item.metadata
     ref = ref_of(item)
-    propagation = "Foreground" if ref.kind == JOB or is_outlived else "Background"
+    propagation = "Foreground" if ref.kind == JOB or is_awaited else "Background"
     try:
         await client.delete(
             RESOURCES[ref.kind], ref.name, namespace=meta.namespace, uid=meta.uid, propagation=propagation

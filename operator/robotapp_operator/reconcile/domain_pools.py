@@ -8,6 +8,7 @@ from typing import Any
 
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import Label, PoolCondition, PoolReason, Reason
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_claims.rules.domain import DomainRequest, pool_ids
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import Instance
@@ -15,7 +16,6 @@ from robotapp_claims.rules.objects import Pool
 from robotapp_claims.rules.pools import Fullness, Overlap, fullness, overlap_text, overlaps_of
 from robotapp_client import ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import DOMAINPOOLS
-from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.validate import limit_note

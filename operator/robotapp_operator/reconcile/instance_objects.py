@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import msgspec
 
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_client import AlreadyExists, ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
-from robotapp_client.api.times import whole_seconds
 from robotapp_client.transport.errors import means_gone
 from robotapp_operator.plan.render.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
 from robotapp_operator.plan.spec.desired import App

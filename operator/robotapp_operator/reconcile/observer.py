@@ -11,7 +11,7 @@ from robotapp_api.values.placement.round_trips import UNREACHABLE_US
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_claims.rules.instances import Instance
 from robotapp_client.api.times import Now, utc_now
-from robotapp_operator.plan.diff.attempts import COMPLETION_TIME, read_attempt
+from robotapp_operator.plan.diff.attempts import COMPLETION_TIME_FIELD, read_attempt
 from robotapp_operator.plan.render.devices.ledger import list_handover_notes
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.config_content import list_config_maps, names_secrets
@@ -186,7 +186,7 @@ class Observer:
     def _attempts(self, app: App, instance: Instance) -> tuple[object, ...]:
         """Returns what its RobotAppInstance records about attempts of its jobs."""
         status = instance_status(app, instance.robot, self._cache)
-        return (read_attempt(status), COMPLETION_TIME in status)
+        return (read_attempt(status), COMPLETION_TIME_FIELD in status)
 
     def _config(self, app: App, instance: Instance) -> tuple[object, ...]:
         """The ConfigMaps and Secrets that the app names for the instance, as they are now."""

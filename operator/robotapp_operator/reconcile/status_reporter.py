@@ -7,9 +7,9 @@ from datetime import datetime
 from typing import Any, Final
 
 from robotapp_api.model.names import API_VERSION, EventReason
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_client import ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import ROBOTAPPS
-from robotapp_client.api.times import whole_seconds
 from robotapp_client.tools.event_recorder import EventRecorder, reference
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record

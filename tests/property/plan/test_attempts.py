@@ -10,7 +10,7 @@ from tests.unit.plan.jobs.test_jobs import DOMAIN, NOW
 
 from robotapp_api.model.names import Label
 from robotapp_claims.rules.completion.endings import find_ending
-from robotapp_operator.plan.diff.attempts import COMPLETION_TIME, RECORD, render_attempt
+from robotapp_operator.plan.diff.attempts import COMPLETION_TIME_FIELD, RESTARTS_FIELD, render_attempt
 from robotapp_operator.plan.diff.diff import plan, wanted_children
 from robotapp_operator.plan.diff.jobs import Progress, judge_progress
 from robotapp_operator.plan.render.child import JOB, Child
@@ -41,7 +41,7 @@ class Instance:
         writes_made = 0
         following = self.judge().next_attempt
         if following is not None:
-            self.status = {RECORD: render_attempt(following)}
+            self.status = {RESTARTS_FIELD: render_attempt(following)}
             writes_made += 1
         progress = self.judge()
         assert progress.next_attempt is None
@@ -98,8 +98,8 @@ class Instance:
         """The status of the RobotAppInstance is brought up to date."""
         progress = self.judge()
         record = render_attempt(progress.attempt)
-        ended = {COMPLETION_TIME: progress.ending.time} if progress.ending else {}
-        self.status = ({RECORD: record} if record else {}) | ended
+        ended = {COMPLETION_TIME_FIELD: progress.ending.time} if progress.ending else {}
+        self.status = ({RESTARTS_FIELD: record} if record else {}) | ended
 
     def look(self) -> None:
         """The sweep looks: it sees Jobs of all attempts, also those that are being deleted."""

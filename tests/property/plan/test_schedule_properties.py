@@ -35,7 +35,7 @@ BEGINS = st.one_of(
         lambda pair: pair[0] + timedelta(seconds=pair[1])
     ),
 )
-WITHIN = st.integers(10, 86_400).map(lambda seconds: timedelta(seconds=seconds))
+STARTING_DEADLINES = st.integers(10, 86_400).map(lambda seconds: timedelta(seconds=seconds))
 LOOKS = st.lists(
     st.fixed_dictionaries(
         {
@@ -52,9 +52,9 @@ LOOKS = st.lists(
 class Looks:
     """An operator that looks from time to time and keeps nothing but the record of the newest Job."""
 
-    def __init__(self, due_times: DueTimes, within: timedelta, now: datetime) -> None:
+    def __init__(self, due_times: DueTimes, starting_deadline: timedelta, now: datetime) -> None:
         self.due_times = due_times
-        self.within = within
+        self.starting_deadline = starting_deadline
         self.now = now
         self.record = RunRecord(settled=now)
         self.runs: list[datetime] = []
@@ -62,30 +62,35 @@ class Looks:
     def look(self, passed_s: int, *, ends: bool, suspended: bool, edited: bool) -> None:
         self.now += timedelta(seconds=passed_s)
         before = self.record
-        if before.goes and ends:
+        if before.is_under_way and ends:
             self.record = RunRecord(settled=max(before.settled, self.now))
         decision = decide_run(
-            self.due_times, self.record, within=self.within, now=self.now, may_start=not suspended, is_edited=edited
+            self.due_times,
+            self.record,
+            starting_deadline=self.starting_deadline,
+            now=self.now,
+            may_start=not suspended,
+            is_edited=edited,
         )
         if decision.due is not None:
-            assert not self.record.goes
+            assert not self.record.is_under_way
             assert not suspended
             assert not edited
             assert self.record.settled < decision.due <= self.now
-            assert self.now - decision.due < self.within
+            assert self.now - decision.due < self.starting_deadline
             self.runs.append(decision.due)
-            self.record = RunRecord(settled=decision.due, goes=True)
+            self.record = RunRecord(settled=decision.due, is_under_way=True)
         elif decision.settled is not None:
-            assert not self.record.goes
+            assert not self.record.is_under_way
             assert decision.settled >= self.record.settled
             self.record = RunRecord(settled=decision.settled)
 
 
-@given(LINES, BEGINS, WITHIN, LOOKS)
+@given(LINES, BEGINS, STARTING_DEADLINES, LOOKS)
 def test_no_due_time_has_two_runs_and_later_runs_are_of_later_times(
-    line: str, begin: datetime, within: timedelta, looks: list[dict[str, int]]
+    line: str, begin: datetime, starting_deadline: timedelta, looks: list[dict[str, int]]
 ) -> None:
-    operator = Looks(parse_due_times(line, ATHENS), within, begin)
+    operator = Looks(parse_due_times(line, ATHENS), starting_deadline, begin)
     for look in looks:
         operator.look(
             look["passed_s"], ends=bool(look["ends"]), suspended=bool(look["suspended"]), edited=bool(look["edited"])
@@ -95,15 +100,17 @@ def test_no_due_time_has_two_runs_and_later_runs_are_of_later_times(
         assert operator.due_times.find_next(due - timedelta(seconds=1)) == due
 
 
-@given(LINES, BEGINS, WITHIN, st.integers(0, 300_000))
+@given(LINES, BEGINS, STARTING_DEADLINES, st.integers(0, 300_000))
 def test_after_an_outage_the_last_run_alone_is_made_up_for(
-    line: str, begin: datetime, within: timedelta, outage_s: int
+    line: str, begin: datetime, starting_deadline: timedelta, outage_s: int
 ) -> None:
     due_times = parse_due_times(line, ATHENS)
     now = begin + timedelta(seconds=outage_s)
-    decision = decide_run(due_times, RunRecord(begin), within=within, now=now, may_start=True, is_edited=False)
+    decision = decide_run(
+        due_times, RunRecord(begin), starting_deadline=starting_deadline, now=now, may_start=True, is_edited=False
+    )
     missed = list_due_times(due_times, begin, now)
-    late = [due for due in missed if due > now - within]
+    late = [due for due in missed if due > now - starting_deadline]
     assert decision.due == (late[-1] if late else None)
     assert decision.due is None or decision.due == missed[-1]
 

@@ -1,1 +1,1 @@
-"""Components that end: what a Job has come to, and what that means for its instance."""
+"""Components that end: the states of their Jobs, and the end of their instance."""

@@ -1,8 +1,7 @@
-"""Rules over the states of Jobs: when their instance has ended, so that nothing of it runs any more and it wants no domain, and
-when it is started again before that.
+"""Decides by the Jobs of an instance whether it has ended, so that it needs no pods and no domain, or is to be started again.
 
-The operator, which reads caches, and the sweep, which reads afresh, apply the same ones. So both are decided by the Jobs
-alone: an instance whose domain one of them gives back must not be started again by the other.
+The operator applies these rules to its caches, and the sweep of claims to what it reads afresh. Therefore they look at the Jobs
+alone: an instance whose domain one of the two gives back must not be started again by the other.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Annotation, Reason
 from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.quantities.times import read_moment, whole_seconds
 from robotapp_claims.rules.objects import (
     COMPLETE,
     OUT_OF_TIME,
@@ -23,52 +23,54 @@ from robotapp_claims.rules.objects import (
 
 LONGEST_DEADLINE: Final = timedelta(days=3650)
 _MOST_DIGITS: Final = 9
-_YEARS: Final = range(1970, 9000)
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
 """So much earlier than by the clock of the operator a Job may end by that of the Job controller."""
 
 
 class CompletionRules(NamedTuple):
-    """Which jobs decide that an instance has ended, by the names under which their components run."""
+    """The rules by which an instance of an app ends."""
 
     jobs: frozenset[str]
+    """The jobs that decide it, by the names under which their components run."""
     any_suffices: bool = False
     deadline: timedelta | None = None
     """How long they may take together."""
     generation: int = 0
-    """That of the app."""
+    """The generation of the app."""
     max_restarts: int = 0
     """How many times all jobs run again when a job has failed."""
 
 
 class JobState(NamedTuple):
-    """What a Job has come to. generation: that of the app for which it was created. Times as the API has them."""
+    """The fields of a Job that these rules read. Times are texts, as the API has them."""
 
     created: str
     generation: int = 0
+    """The generation of the app for which it was created."""
     verdict: str = ""
     """Complete or Failed; "" while it may still run."""
     ended: str = ""
     reason: str = ""
-    """Why it has failed, in the word of the Job controller."""
+    """Why it has failed: the reason that the Job controller wrote, such as BackoffLimitExceeded."""
     started: str = ""
-    """When it was started last; "" before that."""
+    """Time of its last start; "" before that."""
     suspended: bool = False
-    """Whether it waits, because its app is suspended or its queue has not admitted it."""
+    """It waits, because its app is suspended or its queue has not admitted it."""
     attempt: int = 0
-    """Which start of all jobs of the instance it belongs to; a later one has a larger number."""
+    """Number of the attempt to which it belongs: 0 for the first start of the jobs, 1 after the first restart."""
     restarts: int = 0
-    """How many of the allowed restarts the instance had used when it was created."""
+    """How many of the allowed restarts the instance had used when this Job was created."""
     began: str = ""
-    """From when the deadline of the instance counts, where an earlier attempt has used some of that time."""
-    comes_back: bool = False
-    """Whether its component has a schedule, so that it ends no instance, and is part of no attempt or deadline."""
+    """Since when the deadline of the instance counts, where an earlier attempt has used some of that time."""
+    has_schedule: bool = False
+    """Its component has a schedule, so that it ends no instance, and is part of no attempt or deadline."""
 
 
 class Ending(NamedTuple):
-    """Why an instance has ended: Completed, JobFailed or DeadlineExceeded."""
+    """The end of an instance."""
 
     reason: Reason
+    """Completed, JobFailed or DeadlineExceeded."""
     component: str = ""
     """The job that decided it."""
     time: str = ""
@@ -79,7 +81,7 @@ class Ending(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """A failed job because of which the instance is to be started again, and the word of the Job controller for it."""
+    """A failed job because of which the instance is to be started again, and the reason that the Job controller wrote."""
 
     component: str
     reason: str = ""
@@ -118,7 +120,7 @@ def _read_deadline(text: str | None) -> timedelta | None:
 
 
 def read_job_state(job: Job) -> JobState:
-    """Returns what a Job has come to."""
+    """Returns the state of a Job."""
     return build_job_state(
         job.metadata.annotations,
         job.status.conditions,
@@ -136,7 +138,7 @@ def build_job_state(
     started: str | None,
     suspended: bool,
 ) -> JobState:
-    """Returns what a Job has come to by its fields, however they were decoded. suspended: `spec.suspend`."""
+    """Returns the state of a Job with these fields, however they were decoded. suspended: `spec.suspend`."""
     conditions = tuple(conditions)
     verdict = find_verdict(conditions)
     began = annotations.get(Annotation.BEGAN, "")
@@ -150,9 +152,14 @@ def build_job_state(
         suspended=suspended or is_stopped(conditions),
         attempt=read_number(annotations, Annotation.ATTEMPT),
         restarts=read_number(annotations, Annotation.RESTARTS),
-        began=began if _is_time(began) else "",
-        comes_back=Annotation.SETTLED_AT in annotations or Annotation.DUE_AT in annotations,
+        began=began if read_moment(began) else "",
+        has_schedule=has_schedule(annotations),
     )
+
+
+def has_schedule(annotations: Mapping[str, str]) -> bool:
+    """Returns whether the Job with these annotations belongs to a component with schedule."""
+    return Annotation.DUE_AT in annotations or Annotation.SETTLED_AT in annotations
 
 
 def read_number(annotations: Mapping[str, str], key: Annotation) -> int:
@@ -161,32 +168,23 @@ def read_number(annotations: Mapping[str, str], key: Annotation) -> int:
     return int(text) if text.isascii() and text.isdecimal() and len(text) <= _MOST_DIGITS else 0
 
 
-def _is_time(text: str) -> bool:
-    """Returns whether the text is a time with which one can calculate: people may write any into an annotation."""
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError:
-        return False
-    return moment.tzinfo is not None and moment.year in _YEARS
-
-
 def find_ending(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: datetime) -> Ending | None:
-    """Returns why the instance has ended, None while it has not, and while it is to be started again.
+    """Returns the end of the instance, None while it runs or is to be started again.
 
-    jobs: by component; one that is not created yet has none.
+    jobs: by component, those that are created.
     """
     outcome = _find_outcome(rules, jobs, now=now)
     return outcome if isinstance(outcome, Ending) else None
 
 
 def find_failure(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: datetime) -> Failure | None:
-    """Returns why all jobs of the instance are to run again, None where they are not."""
+    """Returns the failure because of which all jobs of the instance are to run again, None without one."""
     outcome = _find_outcome(rules, jobs, now=now)
     return outcome if isinstance(outcome, Failure) else None
 
 
 def _find_outcome(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: datetime) -> Ending | Failure | None:
-    """Returns what the jobs of the latest attempt have decided. Those of an earlier one are about to be replaced."""
+    """Returns the decision of the jobs of the latest attempt. Those of an earlier one are about to be replaced."""
     jobs = select_latest(jobs)
     counting = {name: jobs[name] for name in sorted(rules.jobs & jobs.keys())}
     completions = {name: job.ended for name, job in counting.items() if job.verdict == COMPLETE}
@@ -194,7 +192,7 @@ def _find_outcome(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: 
     if completions and (rules.any_suffices or completions.keys() == rules.jobs):
         chosen = (min if rules.any_suffices else max)(completions, key=lambda name: completions[name])
         return Ending(Reason.COMPLETED, chosen, completions[chosen])
-    end = deadline_of(rules, jobs)
+    end = find_deadline(rules, jobs)
     if failures and (not rules.any_suffices or failures.keys() == rules.jobs):
         first = min(failures, key=lambda name: failures[name])
         if end is not None and _ran_out_of_time(jobs[first], end):
@@ -208,47 +206,47 @@ def _find_outcome(rules: CompletionRules, jobs: Mapping[str, JobState], *, now: 
 
 def select_latest(jobs: Mapping[str, JobState]) -> dict[str, JobState]:
     """Returns the jobs of the latest attempt by component, without those of schedules."""
-    counting = {name: job for name, job in jobs.items() if not job.comes_back}
+    counting = {name: job for name, job in jobs.items() if not job.has_schedule}
     latest = max((job.attempt for job in counting.values()), default=0)
     return {name: job for name, job in counting.items() if job.attempt == latest}
 
 
 def count_restarts(jobs: Mapping[str, JobState]) -> int:
-    """Returns how many of the allowed restarts are used up. A job that was edited begins anew, and its instance with it."""
+    """Returns how many of the allowed restarts are used: the smallest count of a job, because an edited one begins at 0 for all."""
     return min((job.restarts for job in select_latest(jobs).values()), default=0)
 
 
 def _end_by_deadline(end: datetime) -> Ending:
-    return Ending(Reason.DEADLINE_EXCEEDED, time=_write_time(end))
+    return Ending(Reason.DEADLINE_EXCEEDED, time=whole_seconds(end))
 
 
 def _ran_out_of_time(job: JobState, end: datetime) -> bool:
-    """Whether the job was ended because the instance's time was over: by the limit in the Job itself, or by the operator."""
+    """Returns whether the job was ended because the instance's time was over: by the limit in the Job itself, or by the operator."""
     return job.reason == OUT_OF_TIME and _parse_time(job.ended) + _CLOCK_DIFFERENCE >= end
 
 
-def deadline_of(rules: CompletionRules, jobs: Mapping[str, JobState], *, began: str = "") -> datetime | None:
+def find_deadline(rules: CompletionRules, jobs: Mapping[str, JobState], *, began: str = "") -> datetime | None:
     """Returns when the instance's time is over; None without a deadline or a job, and while a job is suspended or waits in a queue.
 
-    An edit of the app begins it anew with the next job that is made: what the jobs before took may be longer than the deadline.
-    began: from when it counts where all jobs are about to run again and none is there.
+    An edit of the app begins it anew with the next job that is made: the jobs before may have taken longer than the deadline.
+    began: since when it counts while all jobs are about to run again and none is there.
     """
     if rules.deadline is None:
         return None
-    jobs = {name: job for name, job in jobs.items() if not job.comes_back}
+    jobs = {name: job for name, job in jobs.items() if not job.has_schedule}
     if not jobs:
         return _parse_time(began) + rules.deadline if began else None
     newest = _list_newest(jobs)
     is_edited = rules.generation > newest[0].generation and not rules.jobs <= jobs.keys()
     if is_edited or any(job.suspended and not job.verdict for job in newest):
         return None
-    return _find_beginning(newest) + rules.deadline
+    return _compute_beginning(newest) + rules.deadline
 
 
 def find_beginning(jobs: Mapping[str, JobState]) -> str:
-    """Returns from when the deadline counts for the next attempt: since the first job, without the time in which jobs waited."""
+    """Returns since when the deadline counts for the next attempt: since the first job, without the time in which jobs waited."""
     newest = _list_newest(jobs)
-    return _write_time(_find_beginning(newest)) if newest else ""
+    return whole_seconds(_compute_beginning(newest)) if newest else ""
 
 
 def _list_newest(jobs: Mapping[str, JobState]) -> list[JobState]:
@@ -257,8 +255,8 @@ def _list_newest(jobs: Mapping[str, JobState]) -> list[JobState]:
     return [job for job in jobs.values() if job.generation == latest]
 
 
-def _find_beginning(jobs: Sequence[JobState]) -> datetime:
-    # A job began when it was created, or in an earlier attempt: what is later was not written by us.
+def _compute_beginning(jobs: Sequence[JobState]) -> datetime:
+    # A job began when it was created, or in an earlier attempt. A later time in the annotation was not written by us.
     first = min(min(_parse_time(job.created), _parse_time(job.began or job.created)) for job in jobs)
     return first + _measure_waits(jobs)
 
@@ -274,7 +272,3 @@ def _measure_waits(jobs: Iterable[JobState]) -> timedelta:
 
 def _parse_time(text: str) -> datetime:
     return datetime.fromisoformat(text or "1970-01-01T00:00:00Z")
-
-
-def _write_time(moment: datetime) -> str:
-    return moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

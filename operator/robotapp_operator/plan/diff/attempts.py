@@ -1,9 +1,9 @@
-"""Numbers the attempts of an instance (completion.maxRestarts): by its Jobs, and by a record that is there while none of them is.
+"""Numbers the attempts of an instance (completion.maxRestarts) by its Jobs, and by a record in its RobotAppInstance.
 
-A Job that has failed is deleted before its successor of the same name can be made. So the next attempt is written into the
-status of the RobotAppInstance first; then the Jobs of earlier attempts are replaced. The Jobs alone decide whether the
-instance ends or is started again (`robotapp_claims.rules.completion.endings`), and the record only how new ones are numbered:
-without it no domain is given back too early, and the count begins anew where no Job is left either.
+A Job that has failed is deleted before its successor of the same name can be made, so for a moment there may be no Job. Therefore
+the next attempt is written into the status of the RobotAppInstance first; then the Jobs of earlier attempts are replaced. The Jobs
+alone decide whether the instance ends or is started again (`robotapp_claims.rules.completion.endings`). The record only numbers new
+ones: if it is lost, no domain is given back too early, and the count begins anew only where no Job is left either.
 """
 
 from collections.abc import Mapping
@@ -12,9 +12,9 @@ from typing import Any, Final, NamedTuple
 from robotapp_api.model.names import Annotation
 from robotapp_claims.rules.completion.endings import Ending, Failure, JobState, count_restarts, find_beginning
 
-RECORD: Final = "restarts"
+RESTARTS_FIELD: Final = "restarts"
 """Field of the status of a RobotAppInstance with the record."""
-COMPLETION_TIME: Final = "completionTime"
+COMPLETION_TIME_FIELD: Final = "completionTime"
 """Field of that status which is there while the instance has ended."""
 
 
@@ -22,11 +22,11 @@ class Attempt(NamedTuple):
     """A start of all jobs of an instance."""
 
     number: int = 0
-    """It never becomes smaller: jobs with a smaller one are replaced."""
+    """0 for the first attempt. It never becomes smaller: jobs with a smaller number are replaced."""
     restarts: int = 0
     """How many of completion.maxRestarts are used."""
     run_hash: str = ""
-    """Hash of what the jobs run."""
+    """Hash of what the jobs run; with another one the count of restarts begins anew."""
     began: str = ""
     """Since when completion.deadline counts; "" for the first attempt."""
     message: str = ""
@@ -34,7 +34,7 @@ class Attempt(NamedTuple):
 
     @property
     def annotations(self) -> dict[str, str]:
-        """Annotations of its Jobs; none for the first attempt."""
+        """Returns the annotations of its Jobs; none for the first attempt."""
         if not self.number:
             return {}
         texts = {
@@ -45,12 +45,12 @@ class Attempt(NamedTuple):
         return {key.value: text for key, text in texts.items() if text}
 
 
-FIRST: Final = Attempt()
+FIRST_ATTEMPT: Final = Attempt()
 
 
 def read_attempt(status: Mapping[str, Any]) -> Attempt | None:
     """Returns the record in the status of a RobotAppInstance, None without one."""
-    record = status.get(RECORD)
+    record = status.get(RESTARTS_FIELD)
     if not isinstance(record, Mapping) or not record.get("attempt"):
         return None
     return Attempt(
@@ -73,7 +73,7 @@ def render_attempt(attempt: Attempt) -> dict[str, Any] | None:
 def find_attempt(
     jobs: Mapping[str, JobState], status: Mapping[str, Any], *, run_hash: str, ending: Ending | None
 ) -> Attempt:
-    """Returns the present attempt. jobs: by component, without those that were edited; status: of the RobotAppInstance.
+    """Returns the present attempt. jobs: by component, without those that were edited. status: that of the RobotAppInstance.
 
     The count begins anew when a job was edited, and when an instance that had ended has not ended any more: then somebody has
     deleted a Job to have it run again, or has written other limits.
@@ -81,7 +81,7 @@ def find_attempt(
     record, by_jobs = read_attempt(status), _find_attempt_of_jobs(jobs, run_hash=run_hash)
     if record is None or record.number < by_jobs.number or (ending is not None and record.number > by_jobs.number):
         return by_jobs
-    is_new = record.run_hash != run_hash or COMPLETION_TIME in status
+    is_new = record.run_hash != run_hash or COMPLETION_TIME_FIELD in status
     if ending is None and is_new:
         return Attempt(record.number, run_hash=run_hash)
     return record

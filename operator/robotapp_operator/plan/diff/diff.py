@@ -13,11 +13,11 @@ from robotapp_operator.plan.diff.jobs import (
     Progress,
     amend_job,
     end_at_once,
-    is_last_record,
+    is_newest_of_schedule,
     limit_time,
+    list_run_records,
     must_delete,
     must_replace,
-    settle_run,
 )
 from robotapp_operator.plan.diff.newer import (
     Held,
@@ -43,16 +43,14 @@ Observed = Deployment | Job | Service
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Change:
-    """Write `child`: create it, or apply it over `over` (its uid and resourceVersion become preconditions).
-
-    With `amended`, the whole spec to write, `over` stays as a newer operator rendered it in everything else. With `records`, these
-    annotations are written and nothing else.
-    """
+    """Write `child`: create it, or apply it over `over` (its uid and resourceVersion become preconditions)."""
 
     child: Child
     over: Observed | None
     amended: dict[str, Any] | None = None
+    """The whole spec to write; in everything else `over` stays as it is, for example as a newer operator rendered it."""
     records: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Annotations that are written alone."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -63,8 +61,8 @@ class Plan:
     deletes: tuple[Observed, ...] = ()
     held: tuple[Held, ...] = ()
     foreign: tuple[str, ...] = ()
-    outlived: frozenset[str] = frozenset()
-    """Uids of those of `deletes` that stay until their last pod has ended, because a successor of another kind is made then."""
+    awaited: frozenset[str] = frozenset()
+    """Uids of those of `deletes` whose last pod is awaited, because a successor of another kind is made then."""
 
     def __bool__(self) -> bool:
         """Returns whether there is anything to write."""
@@ -83,11 +81,12 @@ def wanted_children(
     claiming: Collection[str] = (),
     progress: Progress = NO_JOBS,
 ) -> list[Child]:
-    """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
+    """Returns everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
     master_starts: by component, those of the ROS 1 master for which it was restarted. claiming: components with a ResourceClaim.
-    progress: of its jobs. When these have ended it, their Jobs are all that is left.
-    A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
+    progress: the state of the instance by its Jobs. When it has ended, its Jobs are all that is left.
+    A component that waits for others is not created; where it exists, it gets no pods. A ROS 2 instance without a domain has
+    nothing: pods without one would all meet on domain 0.
     """
     render_jobs = functools.partial(
         component_jobs,
@@ -140,7 +139,7 @@ def plan(
     settled: Mapping[str, tuple[int, str]],
     progress: Progress = NO_JOBS,
 ) -> Plan:
-    """What to write so that `observed` becomes `wanted`.
+    """Returns the writes that turn `observed` into `wanted`.
 
     `settled`: uid -> (generation, content hash) of objects as our last apply left them. Where the server's canonical
     form differs from ours in a way `covers` does not know, this ends what would be an endless series of equal writes.
@@ -152,11 +151,11 @@ def plan(
     foreign: list[str] = []
     replaced: list[Observed] = []
     changed_kind = [item for item in observed.values() if _has_changed_kind(app, item)]
-    ending = {item.metadata.labels.get(Label.COMPONENT, "") for item in changed_kind}
+    awaited_components = {item.metadata.labels.get(Label.COMPONENT, "") for item in changed_kind}
     for child in wanted:
         over = observed.get(child.ref)
         if over is None:
-            if child.component not in ending or child.ref.kind == SERVICE:
+            if child.component not in awaited_components or child.ref.kind == SERVICE:
                 changes.append(Change(child, None))
         elif over.metadata.controller_uid != app.uid:
             foreign.append(f"{child.ref.kind} {child.ref.name}")
@@ -171,10 +170,10 @@ def plan(
             if not _has_records(child, over) and not written_by_newer(app, over, version):
                 changes.append(Change(child, over))
         elif newer := written_by_newer(app, over, version):
-            found = amend(app, child, over)
-            if found.spec is not None and settled.get(over.metadata.uid) != (over.metadata.generation, child.hash):
-                changes.append(Change(child, over, found.spec))
-            if found.waits:
+            amendment = amend(app, child, over)
+            if amendment.spec is not None and settled.get(over.metadata.uid) != (over.metadata.generation, child.hash):
+                changes.append(Change(child, over, amendment.spec))
+            if amendment.waits:
                 held.append(Held(child.ref.name, newer, version))
         elif is_held(app, child, over, version):
             waiting.append(Change(child, over))
@@ -187,10 +186,10 @@ def plan(
     names = {child.ref for child in wanted}
     unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
     if wanted:
-        unwanted = [item for item in unwanted if not is_last_record(item, progress)]
+        unwanted = [item for item in unwanted if not is_newest_of_schedule(item, progress)]
     deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]
-    outlived = frozenset(item.metadata.uid for item in changed_kind)
-    return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign), outlived)
+    awaited = frozenset(item.metadata.uid for item in changed_kind)
+    return Plan((*moved, *changes, *restarts), (*deletes, *replaced), tuple(held), tuple(foreign), awaited)
 
 
 def _has_changed_kind(app: App, item: Observed) -> bool:
@@ -209,12 +208,14 @@ def _change_job(app: App, child: Child, job: Job, progress: Progress) -> Change 
         spec = amend_job(app, child, job, progress) if progress.ending is None else end_at_once(job)
         if spec is not None and spec != job.spec:
             return Change(child, job, spec)
-    records = settle_run(app, child, job, progress)
+    records = list_run_records(app, child, job, progress)
     return Change(child, job, records=records) if records else None
 
 
 def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tuple[list[Change], list[Change]]:
-    """Of what waits for approval, the infrastructure that a component which is written looks for at another address, and the rest."""
+    """Returns two parts of the changes that wait for approval: infrastructure which a component that is written looks for at another
+    address, and the rest.
+    """
     moved: list[Change] = []
     still: list[Change] = []
     clients = any(change.child.component for change in changes)
@@ -284,12 +285,12 @@ def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
 
 
 def deployment_domain(deployment: Deployment | Job) -> int | None:
-    """The id a Deployment's or Job's template names, None without one."""
+    """Returns the id that a Deployment's or Job's template names, None without one."""
     return domain_literal(template_env(deployment.spec).get(ROS_DOMAIN_ID, ""))
 
 
 def template_env(spec: Mapping[str, object]) -> dict[str, str]:
-    """Literal variables of a Deployment spec's first container."""
+    """Returns the literal variables of the first container."""
     env = next((container.get("env") for container in _containers(spec)), None)
     return {variable["name"]: variable.get("value", "") for variable in env or ()}
 
@@ -299,7 +300,7 @@ def _containers(spec: Mapping[str, object]) -> Sequence[Mapping[str, Any]]:
 
 
 def _inputs(spec: Mapping[str, object]) -> tuple[object, ...]:
-    """What comes from outside the spec, and what `App.spec_hashes` leaves out."""
+    """Returns the inputs of a template that `App.spec_hashes` leaves out, most of them from outside the spec."""
     images = [container.get("image") for container in _containers(spec)]
     return (
         template_env(spec).get(ROS_DOMAIN_ID),
@@ -317,7 +318,7 @@ def _host_name(item: Observed | Child | None) -> tuple[object, object]:
 
 
 def _prunable(app: App, item: Observed) -> bool:
-    """Only what the app controls, and what we made: the owner chain decides, the label is the cross-check."""
+    """Returns whether the app controls the object and the operator made it: the owner decides, the label is a second check."""
     meta = item.metadata
     return (
         meta.controller_uid == app.uid and meta.labels.get(Label.APP_UID) == app.uid and meta.deletion_timestamp is None

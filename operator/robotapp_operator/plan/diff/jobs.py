@@ -1,8 +1,8 @@
-"""Jobs of components that end: which are those of today's spec, when their instance has ended, and what is done about each.
+"""Jobs of an instance: which of them run the present spec, how far the instance is by them, and which are changed or replaced.
 
-The template of a Job cannot be changed, so a run with another one is another Job. One that has ended is never run again by
-itself: neither another version of the operator nor another domain or ConfigMap is a reason, only an edit of the component. A component
-with schedule has a Job for each run (`schedules`); its edits reach the next run.
+The template of a Job cannot be changed, so a run with another one is another Job. One that has ended is run again only after an edit
+of its component: another version of the operator, another domain or another ConfigMap is no reason. A component with schedule
+has a Job for each run (`schedules`); its edits reach the next run.
 """
 
 import dataclasses
@@ -14,16 +14,17 @@ from typing import Any, Final, NamedTuple, TypeGuard
 import msgspec
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_api.values.sweeps.matrix import choose_admitted
-from robotapp_claims.rules.completion.endings import Ending, deadline_of, find_ending, find_failure, read_number
+from robotapp_claims.rules.completion.endings import Ending, find_deadline, find_ending, find_failure, read_number
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
-from robotapp_operator.plan.diff.attempts import FIRST, Attempt, find_attempt, plan_next_attempt
+from robotapp_operator.plan.diff.attempts import FIRST_ATTEMPT, Attempt, find_attempt, plan_next_attempt
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
-from robotapp_operator.plan.diff.schedules import ScheduledRun, is_run, plan_runs
+from robotapp_operator.plan.diff.schedules import ScheduledRun, is_of_schedule, plan_runs
 from robotapp_operator.plan.diff.unowned import domain_literals
 from robotapp_operator.plan.render.child import Child
-from robotapp_operator.plan.render.deployments import RunTimes, format_record
-from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.render.deployments import RunTimes
+from robotapp_operator.plan.spec.desired import App, is_edited
 from robotapp_operator.plan.spec.objects import Deployment, Job
 
 _AT_ONCE: Final = 1
@@ -36,19 +37,19 @@ _ROUNDING_S: Final = 5
 
 
 class Progress(NamedTuple):
-    """How far the jobs of an instance are."""
+    """The state of an instance by its Jobs."""
 
     jobs: Mapping[str, Job] = {}
-    """Those of today's spec and of the present attempt, by component."""
+    """Jobs of the present spec and of the present attempt, by component."""
     ending: Ending | None = None
     """Why the instance has ended, None while it has not."""
     deadline: datetime | None = None
-    """When it will end at the latest."""
+    """The time at which it ends at the latest."""
     limit_s: int | None = None
     """Seconds that a Job which is created now may take, None without a deadline."""
     runs: Mapping[str, ScheduledRun] = {}
-    """How far each component with schedule is."""
-    attempt: Attempt = FIRST
+    """The state of each component with schedule."""
+    attempt: Attempt = FIRST_ATTEMPT
     """The present attempt; Jobs of earlier ones are replaced, but no runs of a schedule."""
     next_attempt: Attempt | None = None
     """The attempt that is to follow, because a job has failed; to be recorded before anything else is done about it."""
@@ -57,11 +58,11 @@ class Progress(NamedTuple):
     def idle(self) -> frozenset[str]:
         """Returns the components whose job has ended, or is not due."""
         ended = {name for name, job in self.jobs.items() if job.verdict is not None}
-        return frozenset(ended | {name for name, run in self.runs.items() if not run.goes})
+        return frozenset(ended | {name for name, run in self.runs.items() if not run.is_active})
 
     @property
     def run_times(self) -> Mapping[str, RunTimes]:
-        """Returns which run of each component with schedule is wanted."""
+        """Returns the times of the run that each component with schedule is to have."""
         return {name: run.times for name, run in self.runs.items()}
 
     @property
@@ -74,20 +75,15 @@ NO_JOBS: Final = Progress()
 
 
 def current_jobs(app: App, observed: Iterable[object]) -> dict[str, Job]:
-    """Returns the Jobs that run, or have run, what the spec has today, by component, without those of schedules."""
+    """Returns the Jobs that run, or have run, what the present spec has, by component, without those of schedules."""
     jobs = (item for item in observed if isinstance(item, Job) and item.metadata.controller_uid == app.uid)
-    jobs = (job for job in jobs if not is_run(job))
+    jobs = (job for job in jobs if not is_of_schedule(job))
     by_component = {job.metadata.labels.get(Label.COMPONENT, ""): job for job in jobs if not job.is_deleting}
     return {name: job for name, job in by_component.items() if name in app.run_hashes and not is_edited(app, name, job)}
 
 
-def is_edited(app: App, component: str, job: Job) -> bool:
-    """Whether the user has changed the component since its Job was made."""
-    return job.metadata.annotations.get(Annotation.RUN_HASH) != app.run_hashes[component]
-
-
 def judge_progress(app: App, observed: Iterable[object], *, now: datetime, status: Mapping[str, Any] = {}) -> Progress:
-    """Returns how far the jobs of an instance are. status: that of its RobotAppInstance, which has the record of its attempts."""
+    """Returns the state of an instance by its Jobs. status: that of its RobotAppInstance, which has the record of its attempts."""
     if not app.has_jobs:
         return NO_JOBS
     observed = tuple(observed)
@@ -98,10 +94,10 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime, statu
     current_runs = {name: run.current_job for name, run in runs.items() if run.current_job is not None}
     if rules is None:
         return Progress(jobs | current_runs, runs=runs)
-    attempt = find_attempt(states, status if rules.max_restarts else {}, run_hash=app.runs_hash, ending=ending)
+    attempt = find_attempt(states, status if rules.max_restarts else {}, run_hash=app.all_runs_hash, ending=ending)
     states = {name: state for name, state in states.items() if state.attempt >= attempt.number}
     failure = find_failure(rules, states, now=now)
-    deadline = deadline_of(rules, states, began=attempt.began)
+    deadline = find_deadline(rules, states, began=attempt.began)
     remaining = deadline - now if deadline is not None else rules.deadline
     return Progress(
         {name: jobs[name] for name in states} | current_runs,
@@ -125,7 +121,7 @@ def list_admitted(
     """Returns the instances of a sweep that may run now. jobs: those of each instance. running: instances with Deployments or Jobs.
     holding: instances with a domain. available: domains that the app's namespace may have, None where its instances need none.
 
-    Whose time is over counts as running until its jobs have ended.
+    An instance whose time is over counts as running until its jobs have ended.
     """
     begin = datetime.min.replace(tzinfo=UTC)
     finished = {name for name, items in jobs.items() if judge_progress(app, items, now=begin).ending is not None}
@@ -153,8 +149,8 @@ def end_at_once(job: Job) -> dict[str, Any]:
 
 
 def must_delete(app: App, child: Child, job: Job, progress: Progress) -> bool:
-    """Whether the job waits although its instance has ended, and would have to run to end; or must not run, and kueue, whose label the
-    app has no more, would resume it.
+    """Returns whether the job is to be deleted: it waits and could only end by running, although its instance has ended; or it must
+    not run, and kueue would resume it, because it still has the label that the app has lost.
     """
     if job.verdict is not None:
         return False
@@ -163,16 +159,16 @@ def must_delete(app: App, child: Child, job: Job, progress: Progress) -> bool:
 
 
 def is_queued(app: App, job: Job) -> bool:
-    """Whether kueue decides when the job runs: who else wrote `suspend` would undo what it has decided."""
+    """Returns whether kueue decides when the job runs. Then the operator must not write `suspend`: it would undo kueue's decision."""
     return bool(app.queue) or QUEUE_NAME in job.metadata.labels
 
 
 def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
     """Returns whether another Job has to take the place of this one.
 
-    A later attempt of the instance replaces it in any case. An edit of the component replaces its Job, whether it has ended or not, but no run of a schedule. One that has not ended is replaced
-    as well if its pods would never be bound: it names another domain than its instance has, or somebody has changed who binds them. A
-    Job that a newer operator made for this generation of the app is never replaced.
+    A later attempt of the instance replaces it in any case. Otherwise a Job that a newer operator made for this generation of the app
+    stays. An edit of the component replaces its Job, whether it has ended or not, but no run of a schedule. A Job that has not ended is
+    replaced as well if its pods would never be bound: it names another domain than its instance has, or another scheduler or gate.
     """
     annotations = job.metadata.annotations
     if job.state.attempt < read_number(child.annotations, Annotation.ATTEMPT):
@@ -180,7 +176,7 @@ def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
     is_of_newer = is_newer(annotations.get(Annotation.RENDERED_BY, ""), version)
     if is_of_newer and annotations.get(Annotation.APP_GENERATION) == str(app.generation):
         return False
-    if is_edited(app, child.component, job) and not (child.component in app.due_times and is_run(job)):
+    if is_edited(app, child.component, job) and not (child.component in app.due_times and is_of_schedule(job)):
         return True
     if job.verdict is not None:
         return False
@@ -208,33 +204,33 @@ def _find_time_limit(child: Child, job: Job, progress: Progress) -> int | None:
     state = job.state
     if progress.deadline is None or not (state.started or state.created):
         return present
-    left = progress.deadline - datetime.fromisoformat(state.started or state.created)
-    seconds = max(_AT_ONCE, math.ceil(left.total_seconds()))
+    remaining = progress.deadline - datetime.fromisoformat(state.started or state.created)
+    seconds = max(_AT_ONCE, math.ceil(remaining.total_seconds()))
     seconds = min(seconds, child.spec.get(_TIME_LIMIT, seconds))
     return present if present is not None and abs(present - seconds) < _ROUNDING_S else seconds
 
 
-def settle_run(app: App, child: Child, job: Job, progress: Progress) -> dict[str, str]:
-    """Returns what is to be recorded on the newest Job of a component with schedule, {} for nothing."""
+def list_run_records(app: App, child: Child, job: Job, progress: Progress) -> dict[str, str]:
+    """Returns the annotations to write on the newest Job of a component with schedule, {} for none."""
     run = progress.runs.get(child.component)
     if run is None or run.job is not job or run.settled is None:
         return {}
     return {
         Annotation.RUN_HASH.value: app.run_hashes[child.component],
-        Annotation.SETTLED_AT.value: format_record(run.settled),
+        Annotation.SETTLED_AT.value: whole_seconds(run.settled),
     }
 
 
-def is_last_record(item: object, progress: Progress) -> bool:
-    """Returns whether the object is the newest Job of a component with schedule: it stays until its successor is there."""
+def is_newest_of_schedule(item: object, progress: Progress) -> bool:
+    """Returns whether the object is the newest Job of a component with schedule, which stays until its successor is there."""
     return any(run.job is item for run in progress.runs.values())
 
 
 def names_domain(item: object) -> TypeGuard[Deployment | Job]:
-    """Whether pods may still be made of the object's template, which names a domain."""
+    """Returns whether pods may still be made of the object's template, which names a domain."""
     return isinstance(item, Deployment) or (isinstance(item, Job) and item.verdict is None)
 
 
 def protocol_view(item: Deployment | Job) -> ClaimsDeployment:
-    """The Deployment or Job in the form the claim rules read."""
+    """Returns the Deployment or Job in the form the claim rules read."""
     return msgspec.convert({"metadata": msgspec.to_builtins(item.metadata), "spec": item.spec}, ClaimsDeployment)

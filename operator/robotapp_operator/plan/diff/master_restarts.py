@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_operator.plan.diff.diff import Change
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.spec.desired import App
@@ -110,7 +111,7 @@ def _plan_restart(deployment: Deployment, pods: Sequence[Pod], start: MasterStar
     if len([moment for moment in earlier if start.moment - moment < WINDOW]) >= MOST_RESTARTS:
         return NodeRestart(record, refused=tuple(sorted(strangers)))
     newest = [*earlier, start.moment][-MOST_RESTARTS:]
-    return NodeRestart(_SEPARATOR.join(f"{moment:%Y-%m-%dT%H:%M:%SZ}" for moment in newest))
+    return NodeRestart(_SEPARATOR.join(whole_seconds(moment) for moment in newest))
 
 
 def _has_run_since(pod: Pod, node: str, limit: datetime) -> bool:

@@ -1,7 +1,8 @@
-"""Runs of components with schedule: which one is due, by the records on the Jobs of the component and the clock.
+"""Decides which run of a component with schedule is due, by the annotations of the component's newest Job and by the clock.
 
-Nothing else is remembered. The newest Job stays until its successor is there, so that a crash between the two loses no run; and each due
-time has a Job of its own name, so that none is run twice.
+Nothing else is remembered. The newest Job stays until its successor is there, so a crash between the two loses no run. Each due time
+has a Job of its own name, so none is run twice. Before the first run the newest Job is the mark: it is suspended, never runs, and has
+the time since when the schedule counts.
 """
 
 from collections.abc import Iterable, Mapping
@@ -9,67 +10,82 @@ from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.quantities.times import read_moment
 from robotapp_api.values.schedules.due_times import DueTimes
+from robotapp_claims.rules.completion.endings import has_schedule
 from robotapp_operator.plan.render.deployments import RunTimes
-from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.desired import App, is_edited
 from robotapp_operator.plan.spec.objects import Job
 
-_YEARS: Final = range(2000, 3000)
-_BEGIN: Final = datetime(2000, 1, 1, tzinfo=UTC)
+_LONG_AGO: Final = datetime(2000, 1, 1, tzinfo=UTC)
 
 
 class RunRecord(NamedTuple):
-    """The record on the newest Job of a component. goes: its run has not ended. settled: until when due times had their run, or have none."""
+    """The record on the newest Job of a component."""
 
     settled: datetime
-    goes: bool = False
+    """Until when every due time has had its run, or gets none any more."""
+    is_under_way: bool = False
+    """Its run has not ended."""
 
 
 class RunDecision(NamedTuple):
-    """The run that begins now, and until when due times are to be recorded as settled; None for neither."""
+    """The decision about one moment. Without either time there is nothing to do."""
 
     due: datetime | None = None
+    """Due time of the run that begins now."""
     settled: datetime | None = None
+    """Until when due times are to be recorded as settled, because they get no run."""
 
 
 def decide_run(
-    due_times: DueTimes, record: RunRecord, *, within: timedelta, now: datetime, may_start: bool, is_edited: bool
+    due_times: DueTimes,
+    record: RunRecord,
+    *,
+    starting_deadline: timedelta,
+    now: datetime,
+    may_start: bool,
+    is_edited: bool,
 ) -> RunDecision:
-    """Returns whether a run is due. within: how late it may begin. is_edited: since the record was made, which begins the schedule anew."""
-    if record.goes:
-        return RunDecision()  # what becomes due meanwhile is skipped, because the end of the run settles it
+    """Returns the run that begins now, or the due times that get none.
+
+    starting_deadline: how late a run may begin. is_edited: the component was changed since the record was made, which begins the
+    schedule anew.
+    """
+    if record.is_under_way:
+        return RunDecision()  # due times until the run ends are skipped: its end settles them
     if is_edited:
         return RunDecision(settled=max(now, record.settled))
-    due = due_times.find_last(max(record.settled, now - within), now)
+    due = due_times.find_last(max(record.settled, now - starting_deadline), now)
     return RunDecision(due=due) if may_start else RunDecision(settled=due)
 
 
 class ScheduledRun(NamedTuple):
-    """The state of a component with schedule."""
+    """The state of a component with schedule, by its newest Job and the clock."""
 
     due_times: DueTimes
     job: Job | None = None
     """Its newest Job; None before the first."""
-    begins: datetime | None = None
+    due_now: datetime | None = None
     """Due time of a run that begins now."""
     settled: datetime | None = None
-    """What is to be recorded on the newest Job, or on the first one."""
+    """The time to record as `robotics.io/settled-at`: on the newest Job, or on the first one, which never runs."""
     skipped: datetime | None = None
     """The last time that was due while the run of the newest Job went on."""
     next_due: datetime | None = None
-    within: timedelta = timedelta()
+    starting_deadline: timedelta = timedelta()
     """How late a run may begin."""
 
     @property
     def changes_at(self) -> datetime | None:
-        """Returns when this state is another one without any event: a run is due, or one that cannot begin is left out."""
-        left_out = None if self.begins is None else self.begins + self.within
+        """Returns when this state changes without any event: a run is due, or a due run that could not begin is left out."""
+        left_out = None if self.due_now is None else self.due_now + self.starting_deadline
         return min((time for time in (self.next_due, left_out) if time is not None), default=None)
 
     @property
-    def goes(self) -> bool:
+    def is_active(self) -> bool:
         """Returns whether its Job is to run now."""
-        return self.begins is not None or self.is_under_way
+        return self.due_now is not None or self.is_under_way
 
     @property
     def is_under_way(self) -> bool:
@@ -79,25 +95,25 @@ class ScheduledRun(NamedTuple):
     @property
     def current_job(self) -> Job | None:
         """Returns the Job of the run that is wanted now, None where it is still to be made."""
-        return None if self.begins is not None or (self.job is not None and self.job.is_deleting) else self.job
+        return None if self.due_now is not None or (self.job is not None and self.job.is_deleting) else self.job
 
     @property
     def times(self) -> RunTimes:
-        """Returns the run that is wanted now."""
-        if self.begins is not None:
-            return RunTimes(due=self.begins)
+        """Returns the times to write on the Job that is wanted now."""
+        if self.due_now is not None:
+            return RunTimes(due=self.due_now)
         return RunTimes(settled=self.settled) if self.job is None else RunTimes(due=read_due(self.job))
 
 
 def plan_runs(app: App, observed: Iterable[object], *, now: datetime, has_ended: bool) -> Mapping[str, ScheduledRun]:
-    """Returns how far the components with schedule are, by name. has_ended: their instance has, so that no run begins."""
+    """Returns the state of each component with schedule, by name. has_ended: their instance has ended, so no run begins."""
     if not app.due_times or app.spec.matrix is not None:  # a sweep has no schedules (the schema refuses them)
         return {}
     newest: dict[str, Job] = {}
     for item in observed:
-        if isinstance(item, Job) and is_run(item) and item.metadata.controller_uid == app.uid:
+        if isinstance(item, Job) and is_of_schedule(item) and item.metadata.controller_uid == app.uid:
             name = item.metadata.labels.get(Label.COMPONENT, "")
-            newest[name] = max(newest.get(name, item), item, key=lambda job: read_due(job) or _BEGIN)
+            newest[name] = max(newest.get(name, item), item, key=lambda job: read_due(job) or _LONG_AGO)
     return {name: _plan_run(app, name, newest.get(name), now=now, has_ended=has_ended) for name in app.due_times}
 
 
@@ -110,41 +126,32 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
     next_due = due_times.find_next(max(now, record.settled))
     if has_ended or component.schedule is None:
         return ScheduledRun(due_times, job, next_due=next_due)
-    within = timedelta(seconds=component.schedule.starting_deadline_seconds)
+    starting_deadline = timedelta(seconds=component.schedule.starting_deadline_seconds)
     decision = decide_run(
         due_times,
         record,
-        within=within,
+        starting_deadline=starting_deadline,
         now=now,
         may_start=not app.spec.suspend and component.replicas > 0,
-        is_edited=job.metadata.annotations.get(Annotation.RUN_HASH) != app.run_hashes[name],
+        is_edited=is_edited(app, name, job),
     )
-    skipped = due_times.find_last(max(record.settled, now - within), now) if record.goes else None
-    return ScheduledRun(due_times, job, decision.due, decision.settled, skipped, next_due, within)
+    skipped = due_times.find_last(max(record.settled, now - starting_deadline), now) if record.is_under_way else None
+    return ScheduledRun(due_times, job, decision.due, decision.settled, skipped, next_due, starting_deadline)
 
 
-def is_run(job: Job) -> bool:
-    """Returns whether a Job is a run of a component with schedule, or marks since when its schedule counts."""
-    return not job.metadata.annotations.keys().isdisjoint((Annotation.DUE_AT, Annotation.SETTLED_AT))
+def is_of_schedule(job: Job) -> bool:
+    """Returns whether a Job belongs to a component with schedule: as one of its runs, or as the mark."""
+    return has_schedule(job.metadata.annotations)
 
 
 def read_due(job: Job) -> datetime | None:
-    """Returns for which due time a Job was made; None for the one that only marks since when the schedule counts."""
-    return _parse_time(job.metadata.annotations.get(Annotation.DUE_AT, ""))
+    """Returns the due time for which a Job was made; None for the mark."""
+    return read_moment(job.metadata.annotations.get(Annotation.DUE_AT, ""))
 
 
 def _read_record(job: Job) -> RunRecord:
     due, verdict = read_due(job), job.verdict
-    times = (due, _parse_time(job.metadata.annotations.get(Annotation.SETTLED_AT, "")), _parse_time(job.state.ended))
+    times = (due, read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, "")), read_moment(job.state.ended))
     return RunRecord(
-        max((time for time in times if time is not None), default=_BEGIN), due is not None and verdict is None
+        max((time for time in times if time is not None), default=_LONG_AGO), due is not None and verdict is None
     )
-
-
-def _parse_time(text: str) -> datetime | None:
-    """Returns the time of a record; None for what is none, or not of this millennium, since a user may have changed it."""
-    try:
-        time = datetime.fromisoformat(text)
-    except ValueError:
-        return None
-    return time if time.tzinfo is not None and time.year in _YEARS else None

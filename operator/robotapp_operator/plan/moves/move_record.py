@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
+from robotapp_api.values.quantities.times import whole_seconds
+
 DAY: Final = timedelta(hours=24)
 AHEAD: Final = timedelta(minutes=1)
 """Clocks of two machines may differ by this much."""
@@ -79,11 +81,6 @@ class MoveRecord:
         """As the annotation's value."""
         times = [f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%S.%fZ}" for time in self.times]
         return json.dumps({"times": times, "pod": self.pod}, separators=(",", ":"))
-
-
-def whole_seconds(moment: datetime) -> str:
-    """RFC 3339."""
-    return f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 NO_MOVES: Final = MoveRecord()

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component, Job
 from robotapp_api.model.names import QUEUE_NAME, Annotation
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, Child, component_labels, selector
 from robotapp_operator.plan.render.devices.resource_claim import name_claim
 from robotapp_operator.plan.render.parameters import NONE, ParameterState
@@ -121,13 +122,8 @@ def _job(
         labels=component_labels(desired, component.name) | queue,
         spec=spec,
         annotations={Annotation.RUN_HASH.value: desired.app.run_hashes[component.name]}
-        | {key: format_record(time) for key, time in records.items() if time is not None},
+        | {key: whole_seconds(time) for key, time in records.items() if time is not None},
     )
-
-
-def format_record(time: datetime) -> str:
-    """Returns the time as annotations have it."""
-    return time.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
 
 
 def _deployment(

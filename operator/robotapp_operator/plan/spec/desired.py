@@ -23,7 +23,7 @@ from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.app.template import HelperContainer, HelperTemplate
 from robotapp_api.model.base import dump
 from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE, RECORDER_IMAGE
-from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
+from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME, Annotation
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.references import Values, reference_values
@@ -34,6 +34,7 @@ from robotapp_claims.rules.completion.endings import CompletionRules, completion
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.covers import content_hash
+from robotapp_operator.plan.spec.objects import Job
 
 # Derived names of what is no component. A dot cannot occur in a component's name, so the hash differs from any of theirs.
 SERVERS: Final = ("discovery.0", "discovery.1")
@@ -248,7 +249,7 @@ class App:
         }
 
     @functools.cached_property
-    def runs_hash(self) -> str:
+    def all_runs_hash(self) -> str:
         """Hash of what the user wrote about the runs of all components with job and without schedule."""
         scheduled = {part.name for part in self.spec.components if part.schedule is not None}
         return content_hash({name: text for name, text in self.run_hashes.items() if name not in scheduled})
@@ -471,6 +472,11 @@ class Desired:
             names = (name for name in self.peer_names if not name.startswith(f"{component}."))
             return tuple(name for name in names if name not in ended)
         return ()
+
+
+def is_edited(app: App, component: str, job: Job) -> bool:
+    """Returns whether the user has changed a component with job since this Job of it was made."""
+    return job.metadata.annotations.get(Annotation.RUN_HASH) != app.run_hashes[component]
 
 
 def find_deletion_time(app: App, completion_time: str) -> datetime | None:

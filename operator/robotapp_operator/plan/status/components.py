@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, Protocol
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
 from robotapp_claims.rules.completion.endings import Ending
-from robotapp_operator.plan.diff.attempts import FIRST, Attempt
+from robotapp_operator.plan.diff.attempts import FIRST_ATTEMPT, Attempt
 from robotapp_operator.plan.diff.schedules import ScheduledRun, read_due
 from robotapp_operator.plan.spec.objects import Deployment, Job, Pod, pod_spec
 from robotapp_operator.plan.status.pods.pod_failures import explain_exit, explain_pods, find_last_exit, quote
@@ -171,12 +171,12 @@ def job_view(
     failures: Mapping[str, str] = NO_FAILURES,
     wait: str = "",
     ending: Ending | None = None,
-    attempt: Attempt = FIRST,
-    comes_back: bool = False,
+    attempt: Attempt = FIRST_ATTEMPT,
+    has_schedule: bool = False,
 ) -> ComponentView:
     """Returns the view of a component with job: it is ready while its pod is, and when it has completed.
 
-    ending: why its instance has ended. attempt: the instance's, or the one that follows because a job has failed. comes_back: it has a
+    ending: why its instance has ended. attempt: the instance's, or the one that follows because a job has failed. has_schedule: it has a
     schedule, so that it is part of no attempt.
     """
     if job is None:
@@ -187,10 +187,12 @@ def job_view(
     completed, ready = job.is_complete, any(pod.is_ready for pod in live)
     reason: Reason | None = None
     message = ""
-    if job.verdict is not None and not (comes_back or job.is_complete) and job.state.attempt < attempt.number:  # to be replaced
+    if (
+        job.verdict is not None and not (has_schedule or job.is_complete) and job.state.attempt < attempt.number
+    ):  # to be replaced
         message = attempt.message
     elif job.verdict is not None:
-        reason, message = _explain_end_of_job(job, pods, ending, comes_back=comes_back)
+        reason, message = _explain_end_of_job(job, pods, ending, has_schedule=has_schedule)
     elif not ready:
         reason, message = explain_pods(pods, live, barred)
         texts = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
@@ -251,8 +253,8 @@ def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -
     due_times, due = run.due_times, None if run.job is None else read_due(run.job)
     is_stopped = suspended or view.suspended
     texts = []
-    if run.begins is not None:
-        texts.append(f"run of {due_times.format_time(run.begins)} begins")
+    if run.due_now is not None:
+        texts.append(f"run of {due_times.format_time(run.due_now)} begins")
     elif due is not None and run.is_under_way:
         texts.append(f"run of {due_times.format_time(due)} is {'suspended' if is_stopped else 'under way'}")
     elif due is not None:
@@ -263,7 +265,7 @@ def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -
         texts.append("no runs while suspended")
     elif run.next_due is not None:
         texts.append(f"next run {due_times.format_time(run.next_due)} {due_times.zone.key}")
-    if view.reason or (run.goes and not is_stopped):
+    if view.reason or (run.is_active and not is_stopped):
         texts.append(view.message)
     return "; ".join(filter(None, texts))
 
@@ -274,7 +276,7 @@ def _describe_missing(names: Sequence[str]) -> str:
 
 
 def _explain_end_of_job(
-    job: Job, pods: Sequence[Pod], ending: Ending | None, *, comes_back: bool
+    job: Job, pods: Sequence[Pod], ending: Ending | None, *, has_schedule: bool
 ) -> tuple[Reason | None, str]:
     """Returns how a job has ended. One that has failed has the reason, and how it is run again, unless it comes back by itself; one that was
     ended with its instance has not failed by itself.
@@ -288,7 +290,7 @@ def _explain_end_of_job(
     why = f"{verdict.reason}: {verdict.message}" if verdict is not None else "failed"
     last = find_last_exit(pods)
     code = f", last with exit code {last.exit_code} ({last.reason}){quote(last)}" if last else ""
-    if comes_back:
+    if has_schedule:
         return Reason.JOB_FAILED, f"{why}{code}; see kubectl logs job/{name}"
     app = job.metadata.labels.get(Label.APP, "")
     return Reason.JOB_FAILED, (

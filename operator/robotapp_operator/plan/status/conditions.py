@@ -7,6 +7,7 @@ from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import GPU, OUR_SCHEDULERS, SCHEDULER_NAME, Condition, Reason
 from robotapp_api.values.approval import describe_approval
 from robotapp_api.values.placement.round_trips import is_unreachable
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_claims.rules.device import claimed
 from robotapp_operator.plan.diff.newer import Held, version_key
 from robotapp_operator.plan.spec.desired import find_deletion_time
@@ -73,21 +74,21 @@ def _ended(facts: AppFacts) -> Verdict:
         return Verdict(
             "False",
             Reason.COMPLETED,
-            f"{count_of(len(endings), len(endings), 'instance', 'has', 'have')} completed at {last}{_deletion(facts)}",
+            f"{count_of(len(endings), len(endings), 'instance', 'has', 'have')} completed at {last}{_describe_deletion(facts)}",
         )
     instance, ending = failed[0]
     text = _named(facts, instance, explain_ending(instance, ending))
     return Verdict(
         "False",
         ending.reason,
-        f"{count_of(len(failed), len(endings), 'instance', 'has', 'have')} failed; {text}{_deletion(facts)}",
+        f"{count_of(len(failed), len(endings), 'instance', 'has', 'have')} failed; {text}{_describe_deletion(facts)}",
     )
 
 
-def _deletion(facts: AppFacts) -> str:
+def _describe_deletion(facts: AppFacts) -> str:
     """Returns when an app that has ended is deleted, "" where it is not, and for one of its instances."""
     moment = None if facts.alone else find_deletion_time(facts.app, facts.completion_time)
-    return f"; it is deleted at {moment:%Y-%m-%dT%H:%M:%SZ} (spec.completion.ttl)" if moment else ""
+    return f"; it is deleted at {whole_seconds(moment)} (spec.completion.ttl)" if moment else ""
 
 
 def accepted(facts: AppFacts) -> Verdict:

@@ -7,7 +7,7 @@ from datetime import datetime
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.completion.endings import Ending
 from robotapp_claims.rules.instances import Instance
-from robotapp_operator.plan.diff.attempts import FIRST, Attempt
+from robotapp_operator.plan.diff.attempts import FIRST_ATTEMPT, Attempt
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.links import LinkView
@@ -44,7 +44,7 @@ class InstanceFacts:
     """Why it has ended: its jobs have completed or failed."""
     runs_change_at: datetime | None = None
     """When a component with schedule is due, and these facts are others."""
-    attempt: Attempt = FIRST
+    attempt: Attempt = FIRST_ATTEMPT
     """How often it was started again, and why."""
     edges: tuple[EdgeView, ...] = ()
     domain: int | None = None

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import time_text
-from robotapp_operator.plan.diff.attempts import RECORD, render_attempt
+from robotapp_operator.plan.diff.attempts import RESTARTS_FIELD, render_attempt
 from robotapp_operator.plan.spec.text import clip, stored_bytes
 from robotapp_operator.plan.status.components import HelperView
 from robotapp_operator.plan.status.conditions import MAX_BRIEF_BYTES, conditions, ready
@@ -37,7 +37,7 @@ OURS: Final = (
     "edgesOmitted",
     "claims",
     "completionTime",
-    RECORD,
+    RESTARTS_FIELD,
 )
 """What the operator writes, and `moves` once there is one."""
 

@@ -7,7 +7,7 @@ import msgspec
 from robotapp_client import ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import ROBOTAPPINSTANCES
 from robotapp_client.transport.errors import means_gone
-from robotapp_operator.plan.diff.attempts import COMPLETION_TIME, RECORD, Attempt, render_attempt
+from robotapp_operator.plan.diff.attempts import COMPLETION_TIME_FIELD, RESTARTS_FIELD, Attempt, render_attempt
 from robotapp_operator.plan.render.instance_object import AppInstance, is_as_wanted, object_name
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.queue.work import StartOver
@@ -39,10 +39,10 @@ class AttemptRecorder:
         The time of an end that was before is left out: it would begin the count anew.
         """
         meta = item.metadata
-        status: dict[str, Any] = {key: value for key, value in item.status.items() if key != COMPLETION_TIME}
+        status: dict[str, Any] = {key: value for key, value in item.status.items() if key != COMPLETION_TIME_FIELD}
         body = {
             "metadata": {"name": meta.name, "namespace": meta.namespace, "resourceVersion": meta.resource_version},
-            "status": status | {RECORD: render_attempt(attempt)},
+            "status": status | {RESTARTS_FIELD: render_attempt(attempt)},
         }
         try:
             answer = await self._client.apply(ROBOTAPPINSTANCES, body, subresource="status")

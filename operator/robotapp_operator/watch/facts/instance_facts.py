@@ -6,9 +6,9 @@ from datetime import datetime, timedelta
 from typing import NamedTuple
 
 from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.instances import Instance
-from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.jobs import Progress, judge_progress
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
@@ -70,7 +70,9 @@ def instance_facts(
     progress = judge_progress(app, jobs, now=now, status=instance_status(app, instance.robot, cache))
     has_ended = progress.ending is not None
     attempt = progress.attempt.number
-    unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs, idle=progress.idle, attempt=attempt)
+    unmet = (
+        {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs, idle=progress.idle, attempt=attempt)
+    )
     asks_domain = needs_domain(app) and not has_ended and not describe_turn(app, instance.robot, cache)
     sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
     views = list(_view_components(app, instance.robot, sources))
@@ -215,7 +217,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
                 failures=cache.pod_failures,
                 wait=wait,
                 ending=ending,
-                comes_back=component.schedule is not None,
+                has_schedule=component.schedule is not None,
                 attempt=sources.progress.next_attempt or sources.progress.attempt,
             )
             yield view if run is None else scheduled_view(view, run, ending=ending, suspended=app.spec.suspend)

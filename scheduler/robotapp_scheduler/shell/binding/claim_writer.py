@@ -16,10 +16,11 @@ from typing import Any, Final
 
 import msgspec
 
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC
 from robotapp_client.api.client import ApiClient, Json
 from robotapp_client.api.resources import PODS, RESOURCECLAIMS
-from robotapp_client.api.times import Now, whole_seconds
+from robotapp_client.api.times import Now
 from robotapp_client.transport.errors import (
     ApiError,
     ClientError,

@@ -13,8 +13,8 @@ from robotapp_claims.rules.completion.endings import (
     JobState,
     build_job_state,
     completion_rules_of,
-    deadline_of,
     find_beginning,
+    find_deadline,
     find_ending,
     find_failure,
     read_job_state,
@@ -55,9 +55,9 @@ def test_a_component_with_schedule_runs_on_and_has_no_part_in_the_end_nor_in_the
     rules = rules_of(job, nightly, completion={"deadline": "1h"})
     assert rules is not None
     assert rules.jobs == {"save"}
-    waiting = JobState("2020-01-01T00:00:00Z", suspended=True, comes_back=True)
-    assert deadline_of(rules, {"save": RUNNING, "upload": waiting}) == datetime(2026, 1, 1, 1, tzinfo=UTC)
-    assert deadline_of(rules, {"upload": waiting}) is None
+    waiting = JobState("2020-01-01T00:00:00Z", suspended=True, has_schedule=True)
+    assert find_deadline(rules, {"save": RUNNING, "upload": waiting}) == datetime(2026, 1, 1, 1, tzinfo=UTC)
+    assert find_deadline(rules, {"upload": waiting}) is None
 
 
 def test_success_names_jobs_and_each_replica_with_an_ordinal_is_one() -> None:
@@ -102,10 +102,10 @@ def test_an_ending_names_the_job_that_decided_it_and_when() -> None:
 def test_the_deadline_runs_from_the_first_job_of_the_newest_generation() -> None:
     rules = CompletionRules(frozenset({"a", "b"}), deadline=timedelta(seconds=60))
     old, new = COMPLETE._replace(generation=1), JobState("2026-01-01T00:00:30Z", generation=2)
-    assert deadline_of(rules, {}) is None
+    assert find_deadline(rules, {}) is None
     assert reason_of(rules, a=RUNNING) is Reason.DEADLINE_EXCEEDED
     assert reason_of(rules, a=old, b=new) is None
-    assert deadline_of(rules, {"a": old, "b": new}) == datetime(2026, 1, 1, 0, 1, 30, tzinfo=UTC)
+    assert find_deadline(rules, {"a": old, "b": new}) == datetime(2026, 1, 1, 0, 1, 30, tzinfo=UTC)
 
 
 OUT_OF_TIME = FAILED._replace(ended="2026-01-01T00:00:59Z", reason="DeadlineExceeded")
@@ -128,7 +128,7 @@ def test_an_edit_of_the_app_runs_a_job_again_whose_deadline_was_over() -> None:
     assert reason_of(SIXTY_SECONDS, a=old) is Reason.DEADLINE_EXCEEDED
     assert reason_of(SIXTY_SECONDS._replace(generation=2), a=old) is None
     later = JobState("2026-01-01T00:00:30Z", generation=2)
-    assert deadline_of(SIXTY_SECONDS._replace(generation=2), {"a": old, "b": later}) == datetime(
+    assert find_deadline(SIXTY_SECONDS._replace(generation=2), {"a": old, "b": later}) == datetime(
         2026, 1, 1, 0, 1, 30, tzinfo=UTC
     )
     assert reason_of(SIXTY_SECONDS._replace(generation=2), a=old, b=old) is Reason.COMPLETED
@@ -170,7 +170,7 @@ def test_the_deadline_counts_over_all_attempts_without_the_time_in_which_jobs_wa
     assert began == "2026-01-01T00:00:20Z"
     again = JobState("2026-01-01T00:00:50Z", generation=1, attempt=1, restarts=1, began=began)
     end = datetime(2026, 1, 1, 0, 1, 20, tzinfo=UTC)
-    assert deadline_of(rules, {"a": again}) == deadline_of(rules, {}, began=began) == end
+    assert find_deadline(rules, {"a": again}) == find_deadline(rules, {}, began=began) == end
     late = FAILED._replace(generation=1, created="2026-01-01T00:00:50Z", attempt=1, restarts=1, began=START)
     assert find_failure(rules, {"a": late}, now=NOW) is None
     assert reason_of(rules, a=late) is Reason.DEADLINE_EXCEEDED
@@ -198,8 +198,8 @@ def test_time_in_which_jobs_are_suspended_or_wait_in_a_queue_does_not_count() ->
     assert reason_of(rules, a=RUNNING._replace(suspended=True)) is None
     begun = RUNNING._replace(started="2026-01-01T00:00:20Z")
     overlapping = JobState("2026-01-01T00:00:10Z", started="2026-01-01T00:00:25Z")
-    assert deadline_of(rules, {"a": begun}) == datetime(2026, 1, 1, 0, 1, 20, tzinfo=UTC)
-    assert deadline_of(rules, {"a": begun, "b": overlapping}) == datetime(2026, 1, 1, 0, 1, 25, tzinfo=UTC)
+    assert find_deadline(rules, {"a": begun}) == datetime(2026, 1, 1, 0, 1, 20, tzinfo=UTC)
+    assert find_deadline(rules, {"a": begun, "b": overlapping}) == datetime(2026, 1, 1, 0, 1, 25, tzinfo=UTC)
 
 
 def test_a_job_that_was_resumed_and_is_not_started_yet_counts_as_suspended() -> None:

@@ -16,9 +16,8 @@ from robotapp_api.model.names import Annotation, EventReason, Label
 from robotapp_claims.rules.instances import Instance
 from robotapp_client import ApiClient
 from robotapp_client.api.resources import CONFIGMAPS, DEPLOYMENTS, ROBOTAPPS
-from robotapp_operator.plan.diff.jobs import is_edited
 from robotapp_operator.plan.render.deployments import component_jobs
-from robotapp_operator.plan.spec.desired import App, Domain, desired_of
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of, is_edited
 from robotapp_operator.plan.spec.objects import Deployment, Job
 from robotapp_operator.plan.spec.robot_values import overridden
 from robotapp_operator.plan.status.events import PendingEvent

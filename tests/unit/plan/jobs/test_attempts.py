@@ -37,7 +37,7 @@ def progress_of(app: App, observed: Observed, status: dict[str, Any] | None = No
 
 def record(app: App, number: int, restarts: int, **more: Any) -> dict[str, Any]:
     """The status of a RobotAppInstance with the record."""
-    return {"restarts": render_attempt(Attempt(number, restarts, app.runs_hash)), **more}
+    return {"restarts": render_attempt(Attempt(number, restarts, app.all_runs_hash)), **more}
 
 
 def plan_of(app: App, observed: Observed, status: dict[str, Any]) -> Plan:
@@ -114,7 +114,7 @@ def test_the_jobs_alone_decide_when_no_restart_is_left() -> None:
 
 def test_an_instance_that_had_ended_begins_to_count_anew_when_somebody_deletes_its_job() -> None:
     app = app_of(component("save", job={}), max_restarts=1)
-    assert progress_of(app, {}, record(app, 1, 1, completionTime=AT)).attempt == Attempt(1, 0, app.runs_hash)
+    assert progress_of(app, {}, record(app, 1, 1, completionTime=AT)).attempt == Attempt(1, 0, app.all_runs_hash)
     assert progress_of(app, {}, record(app, 1, 1)).attempt.restarts == 1
 
 
@@ -124,7 +124,7 @@ def test_an_edit_of_a_job_begins_to_count_anew_and_runs_no_other_job_again() -> 
     observed = job(before, "calibrate", verdict="Complete", attempt=2, restarts=2)
     observed |= job(before, "save", verdict="Failed", attempt=2, restarts=2)
     status = record(before, 2, 2)
-    assert progress_of(after, observed, status).attempt == Attempt(2, 0, after.runs_hash)
+    assert progress_of(after, observed, status).attempt == Attempt(2, 0, after.all_runs_hash)
     assert names(plan_of(after, observed, status).deletes) == ["save"]
     failed = job(after, "save", verdict="Failed", attempt=2, restarts=0)
     again = progress_of(after, observed | failed, status).next_attempt
@@ -137,7 +137,7 @@ def test_a_record_that_was_deleted_is_made_anew_of_what_the_jobs_say() -> None:
     observed = job(app, "calibrate", attempt=2, restarts=1, began=AT) | job(
         app, "save", attempt=2, restarts=1, began=AT
     )
-    assert progress_of(app, observed).attempt == Attempt(2, 1, app.runs_hash, AT)
+    assert progress_of(app, observed).attempt == Attempt(2, 1, app.all_runs_hash, AT)
 
 
 def test_less_restarts_in_the_spec_end_an_instance_that_waits_for_its_next_attempt() -> None:
@@ -160,7 +160,7 @@ def test_a_job_that_waits_for_another_waits_for_it_in_each_attempt() -> None:
 
 def test_the_time_of_earlier_attempts_counts_for_the_deadline_of_a_new_job() -> None:
     app = app_of(component("save", job={}), deadline="90s")
-    status = {"restarts": render_attempt(Attempt(1, 1, app.runs_hash, "2026-01-01T00:00:00Z"))}
+    status = {"restarts": render_attempt(Attempt(1, 1, app.all_runs_hash, "2026-01-01T00:00:00Z"))}
     limit = jobs_in(plan_of(app, {}, status))["save"].spec["activeDeadlineSeconds"]
     assert limit == 30
 

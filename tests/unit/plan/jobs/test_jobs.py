@@ -246,7 +246,7 @@ def test_a_component_that_becomes_a_job_has_its_first_pod_when_those_of_its_depl
     observed = stored_deployment(before)
     result = plan_of(now, observed)
     assert list(result.deletes) == list(observed.values())
-    assert result.outlived == {"uid-deployment"}
+    assert result.awaited == {"uid-deployment"}
     assert kinds_made(result) == []
     going = stored_deployment(before, deletionTimestamp="2026-01-01T00:01:00Z")
     result = plan_of(now, going)
@@ -260,7 +260,7 @@ def test_a_job_that_becomes_a_component_that_runs_on_ends_first() -> None:
     observed = stored(before)
     result = plan_of(now, observed)
     assert list(result.deletes) == list(observed.values())
-    assert result.outlived == {"uid-save"}
+    assert result.awaited == {"uid-save"}
     assert kinds_made(result) == []
     assert kinds_made(plan_of(now, stored(before, deletionTimestamp="2026-01-01T00:01:00Z"))) == []
     assert kinds_made(plan_of(now, {})) == [DEPLOYMENT]
@@ -278,11 +278,11 @@ def test_a_job_that_waits_for_others_has_its_deployment_end_with_its_pods_as_wel
     """Nothing takes its place yet, and its pods may still be there when something does."""
     after = [{"component": "map"}]
     now = app_of(component("map"), component("save", job={}, dependsOn=after))
-    assert plan_of(now, stored_deployment(app_of(component("save")))).outlived == {"uid-deployment"}
+    assert plan_of(now, stored_deployment(app_of(component("save")))).awaited == {"uid-deployment"}
 
 
 def test_a_component_that_was_removed_keeps_nobody_waiting() -> None:
     observed = stored_deployment(app_of(component("save"), component("map")))
     result = plan_of(app_of(component("map")), observed)
     assert list(result.deletes) == list(observed.values())
-    assert not result.outlived
+    assert not result.awaited

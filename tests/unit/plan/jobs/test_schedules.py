@@ -87,7 +87,7 @@ def first_run(app: App, **status: Any) -> Observed:
 def view_of(app: App, observed: Observed, now: datetime) -> ComponentView:
     progress = judge_progress(app, observed.values(), now=now)
     (part,) = [part for part in app.spec.components if part.name == "backup"]
-    view = job_view(part, progress.jobs.get("backup"), (), comes_back=True)
+    view = job_view(part, progress.jobs.get("backup"), (), has_schedule=True)
     return scheduled_view(view, progress.runs["backup"], ending=progress.ending, suspended=app.spec.suspend)
 
 

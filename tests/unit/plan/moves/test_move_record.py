@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_operator.plan.moves.move_record import MAX_TIMES, NO_MOVES, Limits, MoveRecord, parse_moves, whole_seconds
+from robotapp_api.values.quantities.times import whole_seconds
+from robotapp_operator.plan.moves.move_record import MAX_TIMES, NO_MOVES, Limits, MoveRecord, parse_moves
 
 NOW = datetime(2026, 5, 1, 12, tzinfo=UTC)
 KEY = "robotics.io/moves"

@@ -13,7 +13,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, JOB
 from robotapp_operator.plan.render.devices.resource_claim import may_be_handed_over, named_claim
 from robotapp_operator.plan.render.node_affinity import nodes_for
-from robotapp_operator.plan.spec.desired import App, Desired, desired_of
+from robotapp_operator.plan.spec.desired import App, Desired, desired_of, is_edited
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job
 
 
@@ -51,8 +51,8 @@ def _takes_claim(
         return bool(named_claim(job.spec))  # its template cannot be changed
     if isinstance(item, Deployment):
         has_claim = bool(named_claim(item.spec))
-        is_edited = item.metadata.annotations.get(Annotation.SPEC_HASH) != desired.app.spec_hashes[component.name]
-        if not is_edited and item.replicas and (has_claim or component.name in placed):
+        has_other_spec = item.metadata.annotations.get(Annotation.SPEC_HASH) != desired.app.spec_hashes[component.name]
+        if not has_other_spec and item.replicas and (has_claim or component.name in placed):
             return has_claim
     return bool(driver_nodes_of(component, desired, drivers))
 
@@ -61,8 +61,9 @@ def _find_job(component: Component, desired: Desired, observed: Mapping[ChildRef
     """Returns the Job that is the component's present run, None where another one would be made."""
     if component.schedule is None:
         job = observed.get(ChildRef(JOB, desired.name_of(component.name)))
-        run_hash = desired.app.run_hashes.get(component.name)
-        return job if isinstance(job, Job) and job.metadata.annotations.get(Annotation.RUN_HASH) == run_hash else None
+        if not isinstance(job, Job) or component.job is None or is_edited(desired.app, component.name, job):
+            return None
+        return job
     jobs = (
         item
         for item in observed.values()
