@@ -98,7 +98,7 @@ FIELDS: Final[dict[str, str]] = {
         if (place, name) not in {("spec.completion", "ttl"), ("spec.completion", "maxRestarts")}
     },
     **{
-        f"{place}.{name}": f"write it in schedule beside job: {{cron: …, {name}: …}}"
+        f"{place}.{name}": f"write schedule: {{cron: …, {name}: …}} beside job in the component"
         for name in ("timeZone", "startingDeadlineSeconds")
         for place in ("spec", _COMPONENT, f"{_COMPONENT}.job")
     },

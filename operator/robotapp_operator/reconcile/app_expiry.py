@@ -1,4 +1,4 @@
-"""Deletes apps some time after their end (spec.completion.ttl), on what the API server says at that moment and never on a cache alone."""
+"""Deletes apps some time after their end (spec.completion.ttl). Before that the app and its Jobs are read from the API server again."""
 
 import logging
 from collections import defaultdict
@@ -31,9 +31,9 @@ _ENDED: Final = frozenset({Phase.COMPLETED.value, Phase.FAILED.value})
 
 
 def find_expiry(record: Record) -> datetime | None:
-    """Returns when the app is to be deleted by its status, None while it has not ended, and for one without `completion.ttl`.
+    """Returns the time at which the app is to be deleted by its status; None while it has not ended, and without `completion.ttl`.
 
-    A status that was written for another spec decides nothing.
+    A status that was written for another spec does not count.
     """
     status = record.status
     if record.app is None or record.deleting or record.app.suspended or status.get("phase") not in _ENDED:
@@ -44,7 +44,7 @@ def find_expiry(record: Record) -> datetime | None:
 
 
 class AppExpiry:
-    """Looks at one app at a time. `now` is the wall clock, because the time of the end is that of the API server's objects."""
+    """Deletes one app at a time. now: the wall clock, because the time of the end comes from objects of the API server."""
 
     def __init__(self, client: ApiClient, cache: Cache, recorder: EventRecorder, *, now: Now) -> None:
         self._client = client
@@ -63,7 +63,7 @@ class AppExpiry:
         if current is None or current.app is None or wait_s is None or wait_s > 0:
             return wait_s
         if not await self._have_all_ended(current.app):
-            return None  # somebody runs a job again; the status that follows wakes the key
+            return None  # a job runs again; the next status of the app has it looked at anew
         return await self._delete(current)
 
     def _wait_s(self, record: Record | None) -> Again:
@@ -81,7 +81,7 @@ class AppExpiry:
         return self._cache.update_app(body) if body["metadata"]["uid"] == record.uid else None
 
     async def _have_all_ended(self, app: App) -> bool:
-        """Returns whether the Jobs of all instances, read now, show that they have ended."""
+        """Reads the Jobs of the app, and returns whether all its instances have ended by them."""
         selector = f"{Label.APP_UID}={app.uid}"
         listing = await self._client.list(JOBS, namespace=app.namespace, label_selector=selector, as_type=Job)
         jobs: defaultdict[str, list[Job]] = defaultdict(list)
@@ -95,7 +95,7 @@ class AppExpiry:
         )
 
     async def _delete(self, record: Record) -> Again:
-        """Deletes this very app in this very version, in the way in which `kubectl delete` does."""
+        """Deletes the app, unless it was changed or replaced since it was read, in the way of `kubectl delete`."""
         completion = record.app.spec.completion if record.app else None
         ttl = completion.ttl if completion else ""
         phase, end = record.status.get("phase"), record.status.get("completionTime")

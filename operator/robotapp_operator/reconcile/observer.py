@@ -171,7 +171,7 @@ class Observer:
             cached_domain(app, instance.robot, self._cache, outcome) if borrowed else None,
             memory.config_held.get(instance.robot, ()),
             self._config(app, instance),
-            self._attempts(app, instance),
+            self._read_attempts(app, instance),
             (own.stays, own.device_stays),
             [self._cache.telemetry[node].status.devices for node in self._device_nodes(app, instance)],
             self._cache.allocations.version if app.wants_devices else None,
@@ -183,8 +183,8 @@ class Observer:
         held = self._cache.devices_held(app.uid, instance.robot) if app.wants_devices else ()
         return sorted({claim.spec.device.node for claim in held if claim.spec.device} & self._cache.telemetry.keys())
 
-    def _attempts(self, app: App, instance: Instance) -> tuple[object, ...]:
-        """Returns what its RobotAppInstance records about attempts of its jobs."""
+    def _read_attempts(self, app: App, instance: Instance) -> tuple[object, ...]:
+        """Returns the part of the RobotAppInstance's status by which attempts are numbered."""
         status = instance_status(app, instance.robot, self._cache)
         return (read_attempt(status), COMPLETION_TIME_FIELD in status)
 

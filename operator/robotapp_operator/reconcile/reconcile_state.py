@@ -92,9 +92,9 @@ class AppMemory:
     config_due: dict[str, datetime] = dataclasses.field(default_factory=dict)
     """When the first of these may be."""
     deadlines: dict[str, datetime] = dataclasses.field(default_factory=dict)
-    """When the time of an instance's jobs is over."""
+    """The time at which an instance ends at the latest (completion.deadline)."""
     next_runs: dict[str, datetime] = dataclasses.field(default_factory=dict)
-    """When a component with schedule is due next."""
+    """The next time at which a run of a schedule is due, or a due one is left out."""
     overrides: dict[str, object] = dataclasses.field(default_factory=dict)
     """By instance, the overrides that its node chose when the app was last planned."""
     barred: dict[str, frozenset[str]] = dataclasses.field(default_factory=dict)

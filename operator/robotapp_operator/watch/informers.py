@@ -29,7 +29,7 @@ from robotapp_operator.watch.nodes import identity_changed
 LATENCY_DELAY_S: Final = 2.0
 """What is shown of round trips follows them this much later: both ends of a pair report."""
 AFTER_OTHERS_S: Final = 1.0
-"""Delay before a sweep uses a domain that has rested: apps that wait for one come first."""
+"""Delay before a sweep takes a domain that has become free: apps that wait for one come first."""
 OWNER_DELAY_S: Final = 1.0
 FLEET_DELAY_S: Final = 1.0
 POOL_DELAY_S: Final = 1.0
@@ -427,7 +427,7 @@ def _proposal(pod: Pod) -> str | None:
 
 
 def _chooses(app: App, *, same: bool) -> bool:
-    """Returns whether a node's event can change which robots the app gets? same: only the node's readiness has changed."""
+    """Returns whether a node's event can change which robots the app gets. same: only the node's readiness has changed."""
     robots = app.spec.robots
     return robots is not None and (not same or robots.assignment == ANY)
 

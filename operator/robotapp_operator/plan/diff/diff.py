@@ -95,7 +95,7 @@ def wanted_children(
         parameters=parameters,
         idle=progress.idle,
         run_times=progress.run_times,
-        attempt=progress.attempt.annotations,
+        attempt_annotations=progress.attempt.annotations,
     )
     if progress.ending is not None:
         return [child for child in render_jobs(running=True) if child.component in progress.jobs]

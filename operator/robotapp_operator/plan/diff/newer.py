@@ -23,12 +23,12 @@ _OLDEST: Final = Version("0.dev0")
 
 
 def is_newer(one: str, other: str) -> bool:
-    """Is version `one` newer than `other`? An empty or unreadable version is older than every other."""
+    """Returns whether version `one` is newer than `other`. An empty or unreadable version is older than every other."""
     return version_key(one) > version_key(other)
 
 
 def version_key(version: str) -> Version:
-    """The version without its local part (`+g12`), which says nothing about what is newer."""
+    """Returns the version without its local part (`+g12`), which does not count for what is newer."""
     try:
         return Version(Version(version).public)
     except InvalidVersion:
@@ -45,21 +45,23 @@ class Held(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Amendment:
-    """What to do about a template of a newer operator: the spec to write (None: leave it), and whether an edit waits."""
+    """The decision about a template that a newer operator wrote."""
 
     spec: dict[str, Any] | None
+    """The spec to write, None where the template stays as it is."""
     waits: bool
+    """An edit of the user's is not carried out in it."""
 
 
 def written_by_newer(app: App, over: Deployment | Job | Service, version: str) -> str:
-    """The newer operator's version, "" if there is none or the user has approved that ours takes over."""
+    """Returns the newer operator's version, "" if there is none or the user has approved that ours takes over."""
     writer = over.metadata.annotations.get(Annotation.RENDERED_BY, "")
     approved = app.annotations.get(Annotation.APPROVE_UPDATE) == version
     return writer if is_newer(writer, version) and not approved else ""
 
 
 def amend(app: App, child: Child, over: Deployment | Service) -> Amendment:
-    """What must act is written. A Service has nothing of that kind.
+    """Returns the template with what must never wait (see above). A Service has nothing of that kind.
 
     What the newer operator wrote for this very generation stands, but for a stop: two operators that each insisted on
     their own would write for ever.
@@ -79,7 +81,7 @@ def amend(app: App, child: Child, over: Deployment | Service) -> Amendment:
 
 
 def _set_replicas(spec: dict[str, Any], child: Child) -> None:
-    """Of infrastructure only whether it runs: how many servers there are is the renderer's business."""
+    """Sets the replicas; of infrastructure only to none or some, because a newer operator may want another number of servers."""
     have, wanted = spec.get("replicas", 1), child.spec["replicas"]
     if have == wanted or (child.component == "" and have and wanted):
         return
@@ -89,7 +91,7 @@ def _set_replicas(spec: dict[str, Any], child: Child) -> None:
 
 
 def _set_image(spec: dict[str, Any], child: Child) -> None:
-    """The component's container, and the init step that runs in the same image."""
+    """Sets the image of the component's container, and of the init step that runs in the same image."""
     name = child.component
     main = next((item for item in _containers(spec, "containers") if item.get("name") == name), None)
     wanted = next((item for item in _containers(child.spec, "containers") if item["name"] == name), None)
@@ -102,7 +104,7 @@ def _set_image(spec: dict[str, Any], child: Child) -> None:
 
 
 def _set_domain(spec: dict[str, Any], child: Child) -> None:
-    """A template that names an id its instance does not hold would start no pod, or keep pods on another holder's id."""
+    """Sets the domain id: a template with an id that its instance does not hold would start no pod, or keep pods on another's id."""
     wanted = {variable["value"] for variable in _domain_variables(child.spec)}
     stale = [variable for variable in _domain_variables(spec) if variable["value"] not in wanted]
     if len(wanted) != 1 or not stale:
@@ -125,7 +127,7 @@ def restarted_spec(child: Child, over: Deployment | Service) -> dict[str, Any] |
 
 
 def _set_restarts(spec: dict[str, Any], child: Child) -> None:
-    """Nodes whose master was started anew, and all components with another attempt, are restarted, whoever wrote their template."""
+    """Sets the annotations that restart pods, whoever wrote the template: another start of the ROS 1 master, and another attempt."""
     for key in (Annotation.MASTER_STARTS, Annotation.ATTEMPT):
         wanted = pod_annotations(child.spec).get(key)
         if wanted and wanted != pod_annotations(spec).get(key) and pod_spec(spec):
@@ -133,13 +135,13 @@ def _set_restarts(spec: dict[str, Any], child: Child) -> None:
 
 
 def binding_rules(spec: Mapping[str, Any]) -> tuple[str, bool]:
-    """Of a Deployment's spec: who binds its pods, and whether our gate keeps them until their claim and their nodes are checked."""
+    """Returns who binds the pods of a Deployment, and whether our gate keeps them until their claim and their nodes are checked."""
     pod = pod_spec(spec)
     return pod.get("schedulerName") or "", any(gate.get("name") == SCHEDULING_GATE for gate in _gates(pod))
 
 
 def _set_binding_rules(spec: dict[str, Any], child: Child) -> None:
-    """Put back who binds the pods, and our gate: a tenant who may edit the Deployment can annotate it with a newer version."""
+    """Sets who binds the pods, and our gate: a tenant who may edit the Deployment can annotate it with a newer version."""
     if binding_rules(spec) == binding_rules(child.spec) or not pod_spec(spec):
         return
     pod, wanted = spec["template"]["spec"], pod_spec(child.spec)
@@ -149,7 +151,7 @@ def _set_binding_rules(spec: dict[str, Any], child: Child) -> None:
 
 
 def _edit_waits(app: App, child: Child, over: Deployment) -> bool:
-    """Has the user changed something since the template was written that is not carried out in it?"""
+    """Returns whether the user has changed something since the template was written that is not carried out in it."""
     marked = over.metadata.annotations.get(Annotation.SPEC_HASH)
     if marked is None:
         return over.metadata.annotations.get(Annotation.APP_GENERATION) != str(app.generation)

@@ -1,4 +1,4 @@
-"""One Deployment per component per instance, or one Job for a component that ends, and for each run of one with schedule."""
+"""Renders components: a Deployment each per instance, a Job for one with job, and a Job for each run of one with schedule."""
 
 import dataclasses
 from collections.abc import Collection, Mapping
@@ -17,12 +17,12 @@ from robotapp_operator.plan.spec.objects import ChildRef
 
 
 class RunTimes(NamedTuple):
-    """The run of a component with schedule that a Job is. due: None for the Job that marks since when the schedule counts, and never runs.
-    settled: up to which time nothing is made up for.
-    """
+    """The times that stand on a Job of a component with schedule."""
 
     due: datetime | None = None
+    """Due time of its run; None for the mark, which never runs (`plan.diff.schedules`)."""
     settled: datetime | None = None
+    """Due times until this time are not made up for."""
 
 
 def component_deployments(
@@ -36,9 +36,11 @@ def component_deployments(
     claiming: Collection[str] = (),
     attempt: str = "",
 ) -> list[Child]:
-    """`running` False: no pods (suspended, or no domain to be had), everything else stays. master_starts: by component.
+    """Returns the Deployments of the components that run on.
+
+    running: False for no pods (suspended, or no domain to be had), while everything else stays. master_starts: by component.
     waiting: components without pods so far. claiming: components whose devices come by a ResourceClaim.
-    attempt: number of the instance's, "" for the first one. With another one all pods start anew.
+    attempt: number of the instance's attempt, "" for the first one. With another number all pods start anew.
     """
     children = []
     for component in desired.app.spec.components:
@@ -66,20 +68,22 @@ def component_jobs(
     idle: Collection[str] = (),
     claiming: Collection[str] = (),
     run_times: Mapping[str, RunTimes] = {},
-    attempt: Mapping[str, str] = {},
+    attempt_annotations: Mapping[str, str] = {},
 ) -> list[Child]:
-    """Returns the Jobs of the components with job. idle: those whose job has ended, or is not due, so that it needs no device. run_times: which
-    run of each component with schedule is wanted. attempt: annotations of the Jobs of another attempt than the first one; a run of a
-    schedule belongs to none.
+    """Returns the Jobs of the components with job.
+
+    idle: components whose job has ended or is not due, so that it needs no device. run_times: by component with schedule, the times of
+    the run it is to have. attempt_annotations: those of the instance's attempt, {} for the first one; a run of a schedule has none.
     """
     children = []
     for component in desired.app.spec.components:
         if component.job is None or (component.schedule is not None and component.name not in run_times):
             continue
         by_claim = component.name in claiming and component.name not in idle
-        state, marks = parameters.get(component.name, NONE), attempt if component.schedule is None else {}
-        number = marks.get(Annotation.ATTEMPT, "")
-        template = pod_template(component, desired, domain=domain, state=state, attempt=number, by_claim=by_claim)
+        state = parameters.get(component.name, NONE)
+        annotations = attempt_annotations if component.schedule is None else {}
+        attempt = annotations.get(Annotation.ATTEMPT, "")
+        template = pod_template(component, desired, domain=domain, state=state, attempt=attempt, by_claim=by_claim)
         if by_claim:
             template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.replicas > 0 and component.name not in {*waiting, *idle}
@@ -87,13 +91,13 @@ def component_jobs(
             continue  # kueue would resume a Job that we suspend: one that must not run is deleted
         times = run_times.get(component.name, RunTimes())
         child = _job(component, desired, component.job, template, running=is_running, times=times)
-        children.append(dataclasses.replace(child, annotations={**child.annotations, **marks}))
+        children.append(dataclasses.replace(child, annotations={**child.annotations, **annotations}))
     return children
 
 
 def name_run(desired: Desired, component: str, due: datetime | None) -> str:
-    """Returns the name of the Job of a run. Each due time has one of its own, so that the record of a run is there until the next has its
-    own, and no due time can have two.
+    """Returns the name of the Job of a run, another one for each due time: the Job of the last run stays until that of the next one is
+    there, and no due time can have two Jobs.
     """
     # A dot cannot occur in a component's name, so the hash differs from that of any other one.
     return desired.name_of(component if due is None else f"{component}.{due.astimezone(UTC):%Y%m%d%H%M}")
@@ -102,7 +106,10 @@ def name_run(desired: Desired, component: str, due: datetime | None) -> str:
 def _job(
     component: Component, desired: Desired, job: Job, template: dict[str, Any], *, running: bool, times: RunTimes
 ) -> Child:
-    """A pod that was evicted, preempted or lost with its node is no failure of the program; and no second one is made while it may run."""
+    """Returns the Job of a component.
+
+    A pod that was evicted, preempted or lost with its node is no failure of the program; and no second one is made while it may run.
+    """
     lost = {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]}
     spec: dict[str, Any] = {
         "suspend": not running or bool(desired.app.queue),
@@ -142,7 +149,7 @@ def _deployment(
 def deployment_spec(
     labels: dict[str, str], template: dict[str, Any], *, replicas: int, running: bool
 ) -> dict[str, Any]:
-    """Recreate where there is one replica at most: two publishers of one command topic must never overlap.
+    """Returns the spec, with strategy Recreate for at most one replica: two publishers of one command topic must never overlap.
 
     revisionHistoryLimit 0: an empty old ReplicaSet would keep naming a domain the instance no longer holds.
     """

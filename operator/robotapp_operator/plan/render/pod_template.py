@@ -50,16 +50,15 @@ def pod_template(
 ) -> dict[str, Any]:
     """Returns labels, annotations and spec of the component's pods.
 
-    master_starts: those for which they were restarted. attempt: number of the instance's, "" for the first one. by_claim: their devices come by a ResourceClaim.
+    master_starts: those for which they were restarted. attempt: number of the instance's attempt, "" for the first one.
+    by_claim: their devices come by a ResourceClaim.
     """
     template = component.template.spec
     annotations = component.template.metadata.annotations | parameter_annotations(component, desired, state)
     if domain is not None and domain.claim and desired.app.uses_ros(component):
         annotations[Annotation.DOMAIN_CLAIM.value] = domain.claim  # spares the scheduler a search
-    if master_starts:
-        annotations[Annotation.MASTER_STARTS.value] = master_starts
-    if attempt:
-        annotations[Annotation.ATTEMPT.value] = attempt
+    restarts = {Annotation.MASTER_STARTS.value: master_starts, Annotation.ATTEMPT.value: attempt}
+    annotations |= {key: text for key, text in restarts.items() if text}
     spec = {
         "schedulerName": desired.app.scheduler_name,
         # A robot's process has no business with the API server unless its author gave it an account. `default` is what

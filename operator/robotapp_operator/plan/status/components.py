@@ -176,8 +176,8 @@ def job_view(
 ) -> ComponentView:
     """Returns the view of a component with job: it is ready while its pod is, and when it has completed.
 
-    ending: why its instance has ended. attempt: the instance's, or the one that follows because a job has failed. has_schedule: it has a
-    schedule, so that it is part of no attempt.
+    ending: the end of its instance. attempt: that of its instance, or the next one, which follows because a job has failed.
+    has_schedule: it is part of no attempt.
     """
     if job is None:
         text = "" if ending is None else f"was not started, because the instance has ended ({ending.reason})"
@@ -185,26 +185,21 @@ def job_view(
         return dataclasses.replace(_view_missing(component, text), is_job=True, rolling=ending is None)
     live = [pod for pod in pods if not pod.terminal and pod.metadata.deletion_timestamp is None]
     completed, ready = job.is_complete, any(pod.is_ready for pod in live)
+    is_replaced = not has_schedule and job.state.attempt < attempt.number
     reason: Reason | None = None
     message = ""
-    if (
-        job.verdict is not None and not (has_schedule or job.is_complete) and job.state.attempt < attempt.number
-    ):  # to be replaced
+    if job.verdict is not None and not job.is_complete and is_replaced:
         message = attempt.message
     elif job.verdict is not None:
         reason, message = _explain_end_of_job(job, pods, ending, has_schedule=has_schedule)
     elif not ready:
-        reason, message = explain_pods(pods, live, barred)
-        texts = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
-        if reason is None and (missing or texts):
-            reason, message = Reason.FAILED_CREATE, texts[0] if texts else _describe_missing(missing)
-        lost_nodes = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
-        message = message or (f"node {lost_nodes[0]} is not Ready" if lost_nodes else _describe_attempts(job, pods))
+        reason, message = _explain_job(job, pods, live, missing=missing, lost=lost, barred=barred, failures=failures)
     queue = job.metadata.labels.get(QUEUE_NAME, "")
     if queue and job.is_suspended and job.verdict is None:
         message = f"waits in queue {queue} until kueue admits it (kubectl get workloads)"
     if component.replicas == 0 and not message:
         message = "suspended (replicas: 0)"
+    nodes = {pod.spec.node_name for pod in live if pod.spec.node_name}
     return ComponentView(
         name=component.name,
         replicas=1,
@@ -212,9 +207,7 @@ def job_view(
         exists=True,
         bound=completed or (bool(live) and all(pod.spec.node_name for pod in live)),
         rolling=False,
-        nodes=()
-        if job.verdict is not None
-        else tuple(sorted({pod.spec.node_name for pod in live if pod.spec.node_name})),
+        nodes=tuple(sorted(nodes)) if job.verdict is None else (),
         restarts=min(MAX_RESTARTS, sum(pod.status.phase == "Failed" for pod in pods)),
         reason=reason,
         message=(message or wait or ("" if ready or completed else attempt.message))[:MAX_COMPONENT_CHARACTERS],
@@ -226,9 +219,30 @@ def job_view(
     )
 
 
+def _explain_job(
+    job: Job,
+    pods: Sequence[Pod],
+    live: Sequence[Pod],
+    *,
+    missing: Sequence[str],
+    lost: Sequence[str],
+    barred: Collection[str],
+    failures: Mapping[str, str],
+) -> tuple[Reason | None, str]:
+    """Returns why a job that has not ended is not ready, and how often its program has failed so far."""
+    reason, message = explain_pods(pods, live, barred)
+    texts = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
+    if reason is None and (missing or texts):
+        reason, message = Reason.FAILED_CREATE, texts[0] if texts else _describe_missing(missing)
+    lost_nodes = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
+    return reason, message or (f"node {lost_nodes[0]} is not Ready" if lost_nodes else _describe_attempts(job, pods))
+
+
 def scheduled_view(view: ComponentView, run: ScheduledRun, *, ending: Ending | None, suspended: bool) -> ComponentView:
-    """Returns the view of a component with schedule, from that of its present Job: it runs on, so it is ready between its runs as well, and while
-    one begins. A run that finds no node is no failure; one that has failed is, until the next begins.
+    """Returns the view of a component with schedule, made from the view of its present Job.
+
+    The component runs on, so it is ready between its runs and while one begins. A run that finds no node does not change that; after one
+    that has failed the component is not ready until the next one begins.
     """
     if ending is not None:
         text = view.message if run.is_under_way else f"ended with its instance ({ending.reason})"
@@ -249,7 +263,7 @@ def scheduled_view(view: ComponentView, run: ScheduledRun, *, ending: Ending | N
 
 
 def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -> str:
-    """Returns how the last run has ended or how far the present one is, and when the next is due."""
+    """Returns the result of the last run or the state of the present one, and the next due time."""
     due_times, due = run.due_times, None if run.job is None else read_due(run.job)
     is_stopped = suspended or view.suspended
     texts = []
@@ -278,8 +292,9 @@ def _describe_missing(names: Sequence[str]) -> str:
 def _explain_end_of_job(
     job: Job, pods: Sequence[Pod], ending: Ending | None, *, has_schedule: bool
 ) -> tuple[Reason | None, str]:
-    """Returns how a job has ended. One that has failed has the reason, and how it is run again, unless it comes back by itself; one that was
-    ended with its instance has not failed by itself.
+    """Returns the end of a job: for one that has failed the reason, and how it is run again, unless its schedule does that.
+
+    A job that was ended with its instance has not failed by itself.
     """
     name, verdict = job.metadata.name, job.verdict
     if job.is_complete and verdict is not None:

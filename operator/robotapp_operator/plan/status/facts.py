@@ -43,9 +43,9 @@ class InstanceFacts:
     ending: Ending | None = None
     """Why it has ended: its jobs have completed or failed."""
     runs_change_at: datetime | None = None
-    """When a component with schedule is due, and these facts are others."""
+    """The next time at which these facts change without any event, because a run of a schedule is due or left out."""
     attempt: Attempt = FIRST_ATTEMPT
-    """How often it was started again, and why."""
+    """The present attempt: how often the instance was started again, and why."""
     edges: tuple[EdgeView, ...] = ()
     domain: int | None = None
     needs_domain: bool = True

@@ -1,4 +1,4 @@
-"""Reads and writes the record of an instance's attempts, which stands in the status of its RobotAppInstance."""
+"""Reads and writes the record of an instance's attempts (`plan.diff.attempts`) in the status of its RobotAppInstance."""
 
 from typing import Any
 
@@ -15,14 +15,14 @@ from robotapp_operator.watch.cache import Cache
 
 
 class AttemptRecorder:
-    """Writes are conditional on the version that was read, so that of two operators one records the next attempt."""
+    """Records attempts, on condition of the version that was read: of two operators one records the next attempt."""
 
     def __init__(self, client: ApiClient, cache: Cache) -> None:
         self._client = client
         self._cache = cache
 
     async def read(self, app: App, instance: str) -> AppInstance | None:
-        """Returns the RobotAppInstance as it is now, None where there is none that is the instance's."""
+        """Reads the RobotAppInstance of the instance; None where there is none, or one that is being deleted or is not as it should be."""
         name = object_name(app.name, instance)
         try:
             item = await self._client.get(ROBOTAPPINSTANCES, name, namespace=app.namespace, as_type=AppInstance)
@@ -30,13 +30,13 @@ class AttemptRecorder:
             if not means_gone(error, name):
                 raise
             return None
-        is_going = item.metadata.deletion_timestamp is not None
-        return item if is_as_wanted(item, app, instance) and not is_going else None
+        is_deleting = item.metadata.deletion_timestamp is not None
+        return item if is_as_wanted(item, app, instance) and not is_deleting else None
 
     async def record(self, item: AppInstance, attempt: Attempt) -> AppInstance:
-        """Writes the attempt beside what the status has, and returns the object as stored. Raises StartOver when it has changed.
+        """Adds the attempt to the status, and returns the object as stored. Raises StartOver if it was changed since it was read.
 
-        The time of an end that was before is left out: it would begin the count anew.
+        The time of an earlier end is left out: with it the count of restarts would begin anew.
         """
         meta = item.metadata
         status: dict[str, Any] = {key: value for key, value in item.status.items() if key != COMPLETION_TIME_FIELD}

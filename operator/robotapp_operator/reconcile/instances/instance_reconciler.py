@@ -212,8 +212,9 @@ class InstanceReconciler:
         return await self._write(app, robot, children, observed, fences, progress=progress)
 
     async def _judge(self, app: App, robot: str, observed: dict[ChildRef, Observed]) -> Progress | None:
-        """Returns how far the instance's jobs are. Where one has failed and all are to run again, that is recorded first, before
-        any of them is replaced; None while there is no RobotAppInstance to record it in.
+        """Returns the state of the instance by its Jobs; None while it cannot be started again, because it has no RobotAppInstance yet.
+
+        Where a job has failed and all are to run again, the next attempt is recorded before any Job is replaced.
         """
         if not app.max_restarts:
             return self._planner.judge(app, robot, observed, {})

@@ -66,19 +66,14 @@ def instance_facts(
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
-    jobs = cache.jobs.of_instance(app.uid, instance.robot).values()
-    progress = judge_progress(app, jobs, now=now, status=instance_status(app, instance.robot, cache))
+    progress = _judge_progress(app, instance.robot, cache, now=now)
     has_ended = progress.ending is not None
-    attempt = progress.attempt.number
-    unmet = (
-        {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs, idle=progress.idle, attempt=attempt)
-    )
+    unmet = _list_unmet(app, owned, pods, progress)
     asks_domain = needs_domain(app) and not has_ended and not describe_turn(app, instance.robot, cache)
     sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
     views = list(_view_components(app, instance.robot, sources))
     domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
-    idle = {part.name for part in app.spec.components} if has_ended else {*unmet, *progress.idle}
     placed = {view.name: view.node for view in views if view.node}
     return InstanceFacts(
         instance=instance,
@@ -91,7 +86,7 @@ def instance_facts(
         attempt=progress.attempt,
         needs_domain=asks_domain,
         undecided=asks_domain and domain is None and outcome is None and not instance.problem,
-        **count_devices(app, instance, devices, cache, views, idle=idle),
+        **count_devices(app, instance, devices, cache, views, idle=_list_idle(app, unmet, progress)),
         **(ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
@@ -189,6 +184,27 @@ class ComponentSources(NamedTuple):
     cluster_config: ClusterConfig | None
     unmet: Mapping[str, Sequence[str]]
     progress: Progress
+
+
+def _judge_progress(app: App, robot: str, cache: Cache, *, now: datetime) -> Progress:
+    """Returns the state of the instance by its Jobs."""
+    jobs = cache.jobs.of_instance(app.uid, robot).values()
+    return judge_progress(app, jobs, now=now, status=instance_status(app, robot, cache))
+
+
+def _list_idle(app: App, unmet: Collection[str], progress: Progress) -> set[str]:
+    """Returns the components that have nothing to start now: all of them when the instance has ended."""
+    return {*unmet, *progress.idle} if progress.ending is None else {part.name for part in app.spec.components}
+
+
+def _list_unmet(
+    app: App, deployments: Sequence[Deployment], pods: Mapping[str, Sequence[Pod]], progress: Progress
+) -> dict[str, tuple[str, ...]]:
+    """Returns, by component that must not start yet, the components it waits for; {} when the instance has ended."""
+    if progress.ending is not None:
+        return {}
+    attempt = progress.attempt.number
+    return unmet_dependencies(app, deployments, pods, progress.jobs, idle=progress.idle, attempt=attempt)
 
 
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:

@@ -65,7 +65,7 @@ def of_component(**fields: Any) -> tuple[str, str]:
         ({"restartPolicy": "Never"}, "as often as job.backoffLimit"),
         ({"job": {"parallelism": 2}}, "spec.matrix"),
         ({"job": {"schedule": "0 3 * * *"}}, 'write schedule: {cron: "0 2 * * *"} beside job'),
-        ({"job": {"timeZone": "Europe/Athens"}}, "write it in schedule beside job"),
+        ({"job": {"timeZone": "Europe/Athens"}}, "write schedule: {cron: …, timeZone: …} beside job"),
         ({"job": {}, "schedule": {"cron": "0 3 * * *", "concurrencyPolicy": "Forbid"}}, "has that one skipped"),
         ({"job": {}, "schedule": {"cron": "0 3 * * *", "suspend": True}}, "write replicas: 0"),
         ({"job": {"ttlSecondsAfterFinished": 60}}, "write completion: {ttl: 1h} in spec"),
