@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
@@ -27,6 +27,7 @@ from robotapp_operator.plan.diff.newer import (
     restarted_spec,
     written_by_newer,
 )
+from robotapp_operator.plan.diff.schedules import is_run, may_have_pod
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments, component_jobs
@@ -151,11 +152,10 @@ def plan(
     foreign: list[str] = []
     replaced: list[Observed] = []
     changed_kind = [item for item in observed.values() if _has_changed_kind(app, item)]
-    awaited_components = {item.metadata.labels.get(Label.COMPONENT, "") for item in changed_kind}
     for child in wanted:
         over = observed.get(child.ref)
         if over is None:
-            if child.component not in awaited_components or child.ref.kind == SERVICE:
+            if not _waits_for_last_pod(app, child, observed.values(), changed_kind):
                 changes.append(Change(child, None))
         elif over.metadata.controller_uid != app.uid:
             foreign.append(f"{child.ref.kind} {child.ref.name}")
@@ -200,6 +200,20 @@ def _has_changed_kind(app: App, item: Observed) -> bool:
         return False
     is_job = {component.name: component.job is not None for component in app.spec.components}
     return is_job.get(item.metadata.labels.get(Label.COMPONENT, ""), isinstance(item, Job)) != isinstance(item, Job)
+
+
+def _waits_for_last_pod(
+    app: App, child: Child, observed: Iterable[Observed], changed_kind: Collection[Observed]
+) -> bool:
+    """Returns whether a new Deployment or Job is not made yet, because a pod of its component's last one may still run.
+
+    That one is of the other kind, or a Job of another name: of another run, or from before the component got a schedule or lost it.
+    """
+    if child.ref.kind == SERVICE:
+        return False
+    jobs = (item for item in observed if isinstance(item, Job) and item.metadata.controller_uid == app.uid)
+    running = [job for job in jobs if is_run(child) and may_have_pod(job)]
+    return any(item.metadata.labels.get(Label.COMPONENT, "") == child.component for item in (*changed_kind, *running))
 
 
 def _change_job(app: App, child: Child, job: Job, progress: Progress) -> Change | None:

@@ -13,6 +13,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.quantities.times import read_moment
 from robotapp_api.values.schedules.due_times import DueTimes
 from robotapp_claims.rules.completion.endings import has_schedule
+from robotapp_operator.plan.render.child import JOB, Child
 from robotapp_operator.plan.render.deployments import RunTimes
 from robotapp_operator.plan.spec.desired import App, is_edited
 from robotapp_operator.plan.spec.objects import Job
@@ -90,7 +91,7 @@ class ScheduledRun(NamedTuple):
     @property
     def is_under_way(self) -> bool:
         """Returns whether the run of the newest Job has not ended."""
-        return self.job is not None and read_due(self.job) is not None and self.job.verdict is None
+        return self.job is not None and may_have_pod(self.job)
 
     @property
     def current_job(self) -> Job | None:
@@ -102,7 +103,9 @@ class ScheduledRun(NamedTuple):
         """Returns the times to write on the Job that is wanted now."""
         if self.due_now is not None:
             return RunTimes(due=self.due_now)
-        return RunTimes(settled=self.settled) if self.job is None else RunTimes(due=read_due(self.job))
+        if self.job is None:
+            return RunTimes(settled=self.settled)
+        return RunTimes(due=read_due(self.job), job_name=self.job.metadata.name)
 
 
 def plan_runs(app: App, observed: Iterable[object], *, now: datetime, has_ended: bool) -> Mapping[str, ScheduledRun]:
@@ -113,7 +116,7 @@ def plan_runs(app: App, observed: Iterable[object], *, now: datetime, has_ended:
     for item in observed:
         if isinstance(item, Job) and is_of_schedule(item) and item.metadata.controller_uid == app.uid:
             name = item.metadata.labels.get(Label.COMPONENT, "")
-            newest[name] = max(newest.get(name, item), item, key=lambda job: read_due(job) or _LONG_AGO)
+            newest[name] = max(newest.get(name, item), item, key=_sort_by_run)
     return {name: _plan_run(app, name, newest.get(name), now=now, has_ended=has_ended) for name in app.due_times}
 
 
@@ -144,14 +147,31 @@ def is_of_schedule(job: Job) -> bool:
     return has_schedule(job.metadata.annotations)
 
 
+def is_run(child: Child) -> bool:
+    """Returns whether the child is a Job that is to run, and no mark."""
+    return child.ref.kind == JOB and not (Annotation.SETTLED_AT in child.annotations and child.spec["suspend"])
+
+
+def may_have_pod(job: Job) -> bool:
+    """Returns whether a Job may have a pod, or get one: it has not ended, and is no mark. Its pod may still end where it is suspended."""
+    is_mark = is_of_schedule(job) and Annotation.DUE_AT not in job.metadata.annotations and job.is_suspended
+    return job.verdict is None and not is_mark
+
+
+def _sort_by_run(job: Job) -> tuple[bool, datetime]:
+    """Returns what the newest Job of a component has the largest of: no other is made while a run goes on."""
+    return may_have_pod(job), read_due(job) or _LONG_AGO
+
+
 def read_due(job: Job) -> datetime | None:
     """Returns the due time for which a Job was made; None for the mark."""
     return read_moment(job.metadata.annotations.get(Annotation.DUE_AT, ""))
 
 
 def _read_record(job: Job) -> RunRecord:
-    due, verdict = read_due(job), job.verdict
-    times = (due, read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, "")), read_moment(job.state.ended))
-    return RunRecord(
-        max((time for time in times if time is not None), default=_LONG_AGO), due is not None and verdict is None
+    times = (
+        read_due(job),
+        read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, "")),
+        read_moment(job.state.ended),
     )
+    return RunRecord(max((time for time in times if time is not None), default=_LONG_AGO), may_have_pod(job))

@@ -23,6 +23,8 @@ class RunTimes(NamedTuple):
     """Due time of its run; None for the mark, which never runs (`plan.diff.schedules`)."""
     settled: datetime | None = None
     """Due times until this time are not made up for."""
+    job_name: str = ""
+    """Name of the Job of this run where it exists. The annotations from which the name was made may have been overwritten."""
 
 
 def component_deployments(
@@ -125,7 +127,7 @@ def _job(
         spec["activeDeadlineSeconds"] = job.active_deadline_seconds
     records = {Annotation.DUE_AT.value: times.due, Annotation.SETTLED_AT.value: times.settled}
     return Child(
-        ref=ChildRef(JOB, name_run(desired, component.name, times.due)),
+        ref=ChildRef(JOB, times.job_name or name_run(desired, component.name, times.due)),
         labels=component_labels(desired, component.name) | queue,
         spec=spec,
         annotations={Annotation.RUN_HASH.value: desired.app.run_hashes[component.name]}

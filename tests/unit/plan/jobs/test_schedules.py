@@ -84,6 +84,21 @@ def first_run(app: App, **status: Any) -> Observed:
     return store(only_job(app, mark(app), DUE), app, **status)
 
 
+def with_annotations(job: Job, annotations: dict[str, str]) -> Job:
+    meta = msgspec.structs.replace(job.metadata, annotations={**job.metadata.annotations, **annotations})
+    return msgspec.structs.replace(job, metadata=meta)
+
+
+def mark_deleted(observed: Observed) -> Observed:
+    """The Jobs while they are deleted in the foreground: their last pods have not ended."""
+    return {
+        ref: msgspec.structs.replace(
+            job, metadata=msgspec.structs.replace(job.metadata, deletion_timestamp="2026-11-30T00:00:30Z")
+        )
+        for ref, job in observed.items()
+    }
+
+
 def view_of(app: App, observed: Observed, now: datetime) -> ComponentView:
     progress = judge_progress(app, observed.values(), now=now)
     (part,) = [part for part in app.spec.components if part.name == "backup"]
@@ -209,6 +224,39 @@ def test_a_job_that_becomes_one_with_schedule_and_back_is_replaced() -> None:
     back = plan_of(plain, first_run(scheduled, verdict="Complete"), DUE + MINUTE)
     assert len(back.deletes) == 1
     assert [Annotation.DUE_AT in change.child.annotations for change in back.changes] == [False]
+
+
+def test_where_a_schedule_is_removed_the_job_is_made_when_the_last_pod_of_the_run_has_ended() -> None:
+    plain, running = make_app(component("backup", job={})), first_run(app_of())
+    planned = plan_of(plain, running, DUE + MINUTE)
+    assert planned.deletes == tuple(running.values())
+    assert planned.changes == ()
+    assert not plan_of(plain, mark_deleted(running), DUE + 2 * MINUTE)
+    assert [change.over for change in plan_of(plain, {}, DUE + 3 * MINUTE).changes] == [None]
+
+
+def test_the_first_run_of_a_new_schedule_waits_for_the_last_pod_of_the_job_before() -> None:
+    plain, scheduled = make_app(component("backup", job={})), app_of()
+    running = store(only_job(plain, {}, EVENING), plain)
+    planned = plan_of(scheduled, running, EVENING)
+    assert planned.deletes == tuple(running.values())
+    assert planned.changes == ()
+    (before,) = mark_deleted(running).values()
+    assert not plan_of(scheduled, {ChildRef(JOB, "before"): before} | mark(scheduled), DUE)
+    assert [change.over for change in plan_of(scheduled, mark(scheduled), DUE + MINUTE).changes] == [None]
+
+
+@pytest.mark.parametrize("text", ["2026-11-29T21:00:00Z", "2026-12-01T00:00:00Z", "tonight", ""])
+def test_a_run_whose_due_time_somebody_has_overwritten_stays_the_only_one_of_its_component(text: str) -> None:
+    app, stopped = app_of(), app_of(spec={"suspend": True})
+    ((ref, job),) = first_run(app).items()
+    running = {ref: with_annotations(job, {Annotation.DUE_AT: text})}
+    assert not plan_of(app, running, DUE + MINUTE)
+    assert not plan_of(app, running, DUE + DAY + MINUTE)
+    (change,) = plan_of(stopped, running, DUE + MINUTE).changes
+    assert change.child.ref == ref
+    assert change.amended is not None
+    assert change.amended["suspend"] is True
 
 
 def test_nothing_of_a_schedule_is_kept_where_the_instance_or_the_component_is_gone() -> None:
