@@ -16,7 +16,7 @@ from typing import Final, NamedTuple, TypeVar
 from msgspec.structs import replace
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_claims.rules.completion.endings import JobState, read_job_state
+from robotapp_claims.rules.completion.endings import ANNOTATIONS_READ, JobState, read_job_state
 from robotapp_claims.rules.identity import domain_literal
 from robotapp_claims.rules.objects import (
     ROS_DOMAIN_ID,
@@ -267,7 +267,7 @@ def owner_as_used(owner: Owner) -> Owner:
         metadata=_with(
             owner.metadata,
             labels=(Label.APP_UID, Label.INSTANCE, Label.COMPONENT),
-            annotations=(Annotation.APP_GENERATION, Annotation.ATTEMPT, Annotation.RESTARTS, Annotation.BEGAN),
+            annotations=ANNOTATIONS_READ,
         ),
         spec=replace(owner.spec, template=kept),
     )

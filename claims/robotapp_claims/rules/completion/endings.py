@@ -22,6 +22,15 @@ from robotapp_claims.rules.objects import (
 )
 
 LONGEST_DEADLINE: Final = timedelta(days=3650)
+ANNOTATIONS_READ: Final = (
+    Annotation.APP_GENERATION,
+    Annotation.ATTEMPT,
+    Annotation.RESTARTS,
+    Annotation.BEGAN,
+    Annotation.DUE_AT,
+    Annotation.SETTLED_AT,
+)
+"""The annotations of a Job that decide about its state."""
 _MOST_DIGITS: Final = 9
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
 """So much earlier than by the clock of the operator a Job may end by that of the Job controller."""

@@ -251,3 +251,16 @@ def test_a_sweep_reads_the_attempt_of_a_job_and_not_of_one_that_is_being_deleted
     usage = usage_of(jobs=[going])
     assert list(usage.jobs.values()) == [{}]
     assert usage.named_by_instance("team", "uid-1") == {"": frozenset()}
+
+
+@pytest.mark.parametrize("record", [Annotation.DUE_AT, Annotation.SETTLED_AT])
+def test_the_sweep_leaves_runs_of_a_schedule_out_as_the_operator_does(record: Annotation) -> None:
+    rules = CompletionRules(frozenset({"save"}), deadline=timedelta(hours=1), max_restarts=2)
+    failed = make.job(7, verdict="Failed", created="2026-01-01T12:00:00Z")
+    run = make.job(7, component="upload", verdict="Complete", created="2026-01-01T02:00:00Z")
+    run.metadata.annotations[record.value] = "2026-01-01T02:00:00Z"
+    (whole,) = usage_of(jobs=[failed, run]).jobs.values()
+    (kept,) = usage_of(jobs=map(owner_as_used, [failed, run])).jobs.values()
+    assert kept == whole
+    assert kept["upload"].has_schedule
+    assert find_ending(rules, kept, now=datetime(2026, 1, 1, 12, 5, tzinfo=UTC)) is None, "a restart is owed"
