@@ -19,6 +19,8 @@ from robotapp_operator.plan.spec.desired import App, is_edited
 from robotapp_operator.plan.spec.objects import Job
 
 _LONG_AGO: Final = datetime(2000, 1, 1, tzinfo=UTC)
+_MOST_AHEAD: Final = timedelta(days=1)
+"""A record that is further ahead of the clock does not count: the clock was wrong when it was written, or a person wrote it."""
 
 
 class RunRecord(NamedTuple):
@@ -28,6 +30,8 @@ class RunRecord(NamedTuple):
     """Until when every due time has had its run, or gets none any more."""
     is_under_way: bool = False
     """Its run has not ended."""
+    is_ahead: bool = False
+    """A time is so far ahead of the clock that the schedule begins anew now."""
 
 
 class RunDecision(NamedTuple):
@@ -55,7 +59,7 @@ def decide_run(
     """
     if record.is_under_way:
         return RunDecision()  # due times until the run ends are skipped: its end settles them
-    if is_edited:
+    if is_edited or record.is_ahead:
         return RunDecision(settled=max(now, record.settled))
     due = due_times.find_last(max(record.settled, now - starting_deadline), now)
     return RunDecision(due=due) if may_start else RunDecision(settled=due)
@@ -76,6 +80,8 @@ class ScheduledRun(NamedTuple):
     next_due: datetime | None = None
     starting_deadline: timedelta = timedelta()
     """How late a run may begin."""
+    is_ahead: bool = False
+    """The due time of the newest Job is so far ahead of the clock that it does not count."""
 
     @property
     def changes_at(self) -> datetime | None:
@@ -116,7 +122,7 @@ def plan_runs(app: App, observed: Iterable[object], *, now: datetime, has_ended:
     for item in observed:
         if isinstance(item, Job) and is_of_schedule(item) and item.metadata.controller_uid == app.uid:
             name = item.metadata.labels.get(Label.COMPONENT, "")
-            newest[name] = max(newest.get(name, item), item, key=_sort_by_run)
+            newest[name] = max(newest.get(name, item), item, key=lambda job: _sort_by_run(job, now))
     return {name: _plan_run(app, name, newest.get(name), now=now, has_ended=has_ended) for name in app.due_times}
 
 
@@ -125,7 +131,7 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
     component = next(part for part in app.spec.components if part.name == name)
     if job is None:
         return ScheduledRun(due_times, settled=now, next_due=due_times.find_next(now))
-    record = _read_record(job)
+    record = _read_record(job, now)
     next_due = due_times.find_next(max(now, record.settled))
     if has_ended or component.schedule is None:
         return ScheduledRun(due_times, job, next_due=next_due)
@@ -139,7 +145,16 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
         is_edited=is_edited(app, name, job),
     )
     skipped = due_times.find_last(max(record.settled, now - starting_deadline), now) if record.is_under_way else None
-    return ScheduledRun(due_times, job, decision.due, decision.settled, skipped, next_due, starting_deadline)
+    return ScheduledRun(
+        due_times,
+        job,
+        decision.due,
+        decision.settled,
+        skipped,
+        next_due,
+        starting_deadline,
+        is_ahead=(read_due(job) or now) > now + _MOST_AHEAD,
+    )
 
 
 def is_of_schedule(job: Job) -> bool:
@@ -158,9 +173,10 @@ def may_have_pod(job: Job) -> bool:
     return job.verdict is None and not is_mark
 
 
-def _sort_by_run(job: Job) -> tuple[bool, datetime]:
+def _sort_by_run(job: Job, now: datetime) -> tuple[bool, datetime]:
     """Returns what the newest Job of a component has the largest of: no other is made while a run goes on."""
-    return may_have_pod(job), read_due(job) or _LONG_AGO
+    due = read_due(job)
+    return may_have_pod(job), due if due is not None and due <= now + _MOST_AHEAD else _LONG_AGO
 
 
 def read_due(job: Job) -> datetime | None:
@@ -168,10 +184,11 @@ def read_due(job: Job) -> datetime | None:
     return read_moment(job.metadata.annotations.get(Annotation.DUE_AT, ""))
 
 
-def _read_record(job: Job) -> RunRecord:
-    times = (
-        read_due(job),
-        read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, "")),
-        read_moment(job.state.ended),
+def _read_record(job: Job, now: datetime) -> RunRecord:
+    settled = read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, ""))
+    times = [time for time in (read_due(job), settled, read_moment(job.state.ended)) if time is not None]
+    past = [time for time in times if time <= now + _MOST_AHEAD]
+    # What was settled later than a wrong time was written counts; the wrong time stays on the Job.
+    return RunRecord(
+        max(past, default=_LONG_AGO), may_have_pod(job), is_ahead=len(past) < len(times) and settled not in past
     )
-    return RunRecord(max((time for time in times if time is not None), default=_LONG_AGO), may_have_pod(job))

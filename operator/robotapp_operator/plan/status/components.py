@@ -271,6 +271,10 @@ def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -
         texts.append(f"run of {due_times.format_time(run.due_now)} begins")
     elif due is not None and run.is_under_way:
         texts.append(f"run of {due_times.format_time(due)} is {'suspended' if is_stopped else 'under way'}")
+    elif due is not None and run.is_ahead:
+        texts.append(
+            f"the due time {due_times.format_time(due)} on its last job is ahead of the clock and does not count"
+        )
     elif due is not None:
         texts.append(f"run of {due_times.format_time(due)} {'failed' if view.reason else 'succeeded'}")
     if run.skipped is not None:

@@ -379,6 +379,27 @@ def test_a_queue_is_refused_beside_a_schedule() -> None:
     assert "do not wait in a queue" in problem.message
 
 
+def test_a_record_of_a_clock_that_was_years_ahead_does_not_stop_the_schedule() -> None:
+    app, far = app_of(), "2031-01-01T00:00:00Z"
+    ((ref, before),) = mark(app).items()
+    (change,) = plan_of(app, {ref: with_annotations(before, {Annotation.SETTLED_AT: far})}, EVENING + MINUTE).changes
+    assert change.records[Annotation.SETTLED_AT] == "2026-11-29T20:01:00Z"
+    settled = {ref: with_annotations(before, dict(change.records))}
+    assert [one.over for one in plan_of(app, settled, DUE).changes] == [None]
+    ((ref, run),) = first_run(app, verdict="Complete").items()
+    run = with_annotations(run, {Annotation.DUE_AT: far})
+    (change,) = plan_of(app, {ref: run}, DUE + 2 * MINUTE).changes
+    assert change.records[Annotation.SETTLED_AT] == "2026-11-30T00:02:00Z"
+    ended = {ref: with_annotations(run, dict(change.records))}
+    assert not plan_of(app, ended, DUE + 3 * MINUTE)
+    assert view_of(app, ended, DUE + 3 * MINUTE).message == (
+        "the due time 2031-01-01 02:00 on its last job is ahead of the clock and does not count; next run 2026-12-01 02:00 Europe/Athens"
+    )
+    (next_run,) = plan_of(app, ended, DUE + DAY).changes
+    both = ended | store(next_run.child, app)
+    assert plan_of(app, both, DUE + DAY + MINUTE).deletes == tuple(ended.values())
+
+
 @pytest.mark.parametrize("text", ["0001-01-01T00:00:00Z", "9999-12-31T23:59:59Z", "2026-11-30T00:00:00", "soon", ""])
 def test_a_record_that_is_no_time_ends_no_process(text: str) -> None:
     app = app_of()
