@@ -150,6 +150,33 @@ def test_due_times_follow_each_other_also_where_clocks_change(line: str, begin: 
     assert all(due_times.find_last(earlier, later) == later for earlier, later in pairwise(times))
 
 
+@given(LINES, BEGINS, st.integers(0, 200_000))
+def test_the_last_due_time_of_a_span_is_the_one_after_which_none_follows_in_it(
+    line: str, begin: datetime, span_s: int
+) -> None:
+    due_times, until = parse_due_times(line, ATHENS), begin + timedelta(seconds=span_s)
+    assert due_times.find_last(begin, until) == max(list_due_times(due_times, begin, until), default=None)
+
+
+def test_the_last_due_time_of_a_line_of_each_minute_is_found_in_few_steps_however_long_the_span_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    steps = 0
+    find_next = DueTimes.find_next
+
+    def count(self: DueTimes, after: datetime) -> datetime | None:
+        nonlocal steps
+        steps += 1
+        return find_next(self, after)
+
+    monkeypatch.setattr(DueTimes, "find_next", count)
+    until = datetime(2026, 11, 30, 12, tzinfo=UTC)
+    for line, last in (("* * * * *", until), ("* 1 * * *", until.replace(hour=1, minute=59))):
+        steps = 0
+        assert parse_due_times(line, "UTC").find_last(datetime(2000, 1, 1, tzinfo=UTC), until) == last
+        assert steps < 100
+
+
 FIELD = st.text("0123456789LWMONFRI*,/-", min_size=1, max_size=5)
 
 

@@ -5,7 +5,7 @@ exists twice is due the first time. Lines whose minute or hour begins with a sta
 """
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from typing import Final
 from zoneinfo import ZoneInfo
@@ -23,6 +23,8 @@ MACROS: Final = {
 }
 """Names that CronJobs have for some lines."""
 _FIELDS: Final = 5
+_FIRST_WINDOW: Final = timedelta(minutes=2)
+_WINDOW_GROWTH: Final = 8
 _FIELDS_TEXT: Final = (
     "write five fields, minute, hour, day of the month, month and day of the week, for example 0 2 * * *"
 )
@@ -47,11 +49,17 @@ class DueTimes:
 
     def find_last(self, after: datetime, until: datetime) -> datetime | None:
         """Returns the last due time after the first and not after the second time, in UTC; None without one."""
-        last = None
-        due = self.find_next(after) if after < until else None
-        while due is not None and due <= until:
-            last, due = due, self.find_next(due)
-        return last
+        window = _FIRST_WINDOW
+        while after < until:
+            # Few due times are stepped over, however long ago `after` is: the last one is searched from near `until` on.
+            begin = until - window if until - after > window else after
+            last, due = None, self.find_next(begin)
+            while due is not None and due <= until:
+                last, due = due, self.find_next(due)
+            if last is not None or begin == after:
+                return last
+            window *= _WINDOW_GROWTH
+        return None
 
     def format_time(self, time: datetime) -> str:
         """Returns the time as the clock of the zone shows it, to the minute."""
