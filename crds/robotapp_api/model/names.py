@@ -119,6 +119,8 @@ class Annotation(StrEnum):
     """On Jobs of components with schedule: for which due time it was made."""
     SETTLED_AT = "robotics.io/settled-at"
     """On Jobs of components with schedule: due times until this time are not made up for. It alone marks since when the schedule counts."""
+    SCHEDULE_SUSPENDED = "robotics.io/schedule-suspended"
+    """On Jobs of components with schedule: true while the component has no runs, because its app or itself is suspended."""
     ATTEMPT = "robotics.io/attempt"
     """On Jobs, and on pods, of an instance that was started again because a job had failed: number of the attempt, the first being 0."""
     RESTARTS = "robotics.io/restarts"

@@ -84,6 +84,9 @@ class Looks:
             assert not self.record.is_under_way
             assert decision.settled >= self.record.settled
             self.record = RunRecord(settled=decision.settled)
+        elif decision.is_suspension_new:
+            assert suspended
+            self.record = self.record._replace(is_suspended=True)
 
 
 @given(LINES, BEGINS, STARTING_DEADLINES, LOOKS)

@@ -49,17 +49,19 @@ class DueTimes:
 
     def find_last(self, after: datetime, until: datetime) -> datetime | None:
         """Returns the last due time after the first and not after the second time, in UTC; None without one."""
+        first = self.find_next(after) if after < until else None
+        if first is None or first > until:
+            return None
         window = _FIRST_WINDOW
-        while after < until:
+        while True:
             # Few due times are stepped over, however long ago `after` is: the last one is searched from near `until` on.
             begin = until - window if until - after > window else after
             last, due = None, self.find_next(begin)
             while due is not None and due <= until:
                 last, due = due, self.find_next(due)
-            if last is not None or begin == after:
+            if last is not None:
                 return last
             window *= _WINDOW_GROWTH
-        return None
 
     def format_time(self, time: datetime) -> str:
         """Returns the time as the clock of the zone shows it, to the minute."""

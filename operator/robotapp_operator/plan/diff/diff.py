@@ -15,7 +15,6 @@ from robotapp_operator.plan.diff.jobs import (
     end_at_once,
     is_newest_of_schedule,
     limit_time,
-    list_run_records,
     must_delete,
     must_replace,
 )
@@ -27,7 +26,7 @@ from robotapp_operator.plan.diff.newer import (
     restarted_spec,
     written_by_newer,
 )
-from robotapp_operator.plan.diff.schedules import is_run, may_have_pod
+from robotapp_operator.plan.diff.schedules import is_run, list_run_records, may_have_pod
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, JOB, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments, component_jobs
@@ -222,7 +221,7 @@ def _change_job(app: App, child: Child, job: Job, progress: Progress) -> Change 
         spec = amend_job(app, child, job, progress) if progress.ending is None else end_at_once(job)
         if spec is not None and spec != job.spec:
             return Change(child, job, spec)
-    records = list_run_records(app, child, job, progress)
+    records = list_run_records(progress.runs.get(child.component), job, app.run_hashes[child.component])
     return Change(child, job, records=records) if records else None
 
 

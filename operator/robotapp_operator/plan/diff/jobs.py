@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple, TypeGuard
 import msgspec
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
-from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_api.values.sweeps.matrix import choose_admitted
 from robotapp_claims.rules.completion.endings import Ending, find_deadline, find_ending, find_failure, read_number
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
@@ -208,17 +207,6 @@ def _find_time_limit(child: Child, job: Job, progress: Progress) -> int | None:
     seconds = max(_AT_ONCE, math.ceil(remaining.total_seconds()))
     seconds = min(seconds, child.spec.get(_TIME_LIMIT, seconds))
     return present if present is not None and abs(present - seconds) < _ROUNDING_S else seconds
-
-
-def list_run_records(app: App, child: Child, job: Job, progress: Progress) -> dict[str, str]:
-    """Returns the annotations to write on the newest Job of a component with schedule, {} for none."""
-    run = progress.runs.get(child.component)
-    if run is None or run.job is not job or run.settled is None:
-        return {}
-    return {
-        Annotation.RUN_HASH.value: app.run_hashes[child.component],
-        Annotation.SETTLED_AT.value: whole_seconds(run.settled),
-    }
 
 
 def is_newest_of_schedule(item: object, progress: Progress) -> bool:

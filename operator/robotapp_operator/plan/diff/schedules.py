@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_api.values.quantities.times import read_moment
+from robotapp_api.values.quantities.times import read_moment, whole_seconds
 from robotapp_api.values.schedules.due_times import DueTimes
 from robotapp_claims.rules.completion.endings import has_schedule
 from robotapp_operator.plan.render.child import JOB, Child
@@ -19,6 +19,7 @@ from robotapp_operator.plan.spec.desired import App, is_edited
 from robotapp_operator.plan.spec.objects import Job
 
 _LONG_AGO: Final = datetime(2000, 1, 1, tzinfo=UTC)
+_TRUE: Final = "true"
 _MOST_AHEAD: Final = timedelta(days=1)
 """A record that is further ahead of the clock does not count: the clock was wrong when it was written, or a person wrote it."""
 
@@ -30,17 +31,21 @@ class RunRecord(NamedTuple):
     """Until when every due time has had its run, or gets none any more."""
     is_under_way: bool = False
     """Its run has not ended."""
+    is_suspended: bool = False
+    """The schedule was suspended, as far as is recorded."""
     is_ahead: bool = False
     """A time is so far ahead of the clock that the schedule begins anew now."""
 
 
 class RunDecision(NamedTuple):
-    """The decision about one moment. Without either time there is nothing to do."""
+    """The decision about one moment. Without any of these there is nothing to do."""
 
     due: datetime | None = None
     """Due time of the run that begins now."""
     settled: datetime | None = None
     """Until when due times are to be recorded as settled, because they get no run."""
+    is_suspension_new: bool = False
+    """That the schedule is suspended is to be recorded: when it is resumed, nothing is made up for."""
 
 
 def decide_run(
@@ -59,10 +64,11 @@ def decide_run(
     """
     if record.is_under_way:
         return RunDecision()  # due times until the run ends are skipped: its end settles them
-    if is_edited or record.is_ahead:
+    if not may_start:
+        return RunDecision(is_suspension_new=not record.is_suspended)
+    if is_edited or record.is_ahead or record.is_suspended:
         return RunDecision(settled=max(now, record.settled))
-    due = due_times.find_last(max(record.settled, now - starting_deadline), now)
-    return RunDecision(due=due) if may_start else RunDecision(settled=due)
+    return RunDecision(due=due_times.find_last(max(record.settled, now - starting_deadline), now))
 
 
 class ScheduledRun(NamedTuple):
@@ -80,6 +86,8 @@ class ScheduledRun(NamedTuple):
     next_due: datetime | None = None
     starting_deadline: timedelta = timedelta()
     """How late a run may begin."""
+    is_suspension_new: bool = False
+    """That the schedule is suspended is to be recorded on the newest Job."""
     is_ahead: bool = False
     """The due time of the newest Job is so far ahead of the clock that it does not count."""
 
@@ -153,6 +161,7 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
         skipped,
         next_due,
         starting_deadline,
+        is_suspension_new=decision.is_suspension_new,
         is_ahead=(read_due(job) or now) > now + _MOST_AHEAD,
     )
 
@@ -188,7 +197,27 @@ def _read_record(job: Job, now: datetime) -> RunRecord:
     settled = read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, ""))
     times = [time for time in (read_due(job), settled, read_moment(job.state.ended)) if time is not None]
     past = [time for time in times if time <= now + _MOST_AHEAD]
-    # What was settled later than a wrong time was written counts; the wrong time stays on the Job.
     return RunRecord(
-        max(past, default=_LONG_AGO), may_have_pod(job), is_ahead=len(past) < len(times) and settled not in past
+        max(past, default=_LONG_AGO),
+        may_have_pod(job),
+        is_suspended=is_recorded_as_suspended(job),
+        # What was settled later than a wrong time was written counts; the wrong time stays on the Job.
+        is_ahead=len(past) < len(times) and settled not in past,
     )
+
+
+def is_recorded_as_suspended(job: Job) -> bool:
+    """Returns whether the schedule was suspended when this Job of it was looked at last."""
+    return job.metadata.annotations.get(Annotation.SCHEDULE_SUSPENDED) == _TRUE
+
+
+def list_run_records(run: ScheduledRun | None, job: Job, run_hash: str) -> dict[str, str]:
+    """Returns the annotations to write on a Job of a component with schedule, {} for none. run_hash: that of the present spec."""
+    if run is None or run.job is not job:
+        return {}
+    if run.is_suspension_new:
+        return {Annotation.SCHEDULE_SUSPENDED.value: _TRUE}
+    if run.settled is None:
+        return {}
+    records = {Annotation.RUN_HASH.value: run_hash, Annotation.SETTLED_AT.value: whole_seconds(run.settled)}
+    return records | ({Annotation.SCHEDULE_SUSPENDED.value: "false"} if is_recorded_as_suspended(job) else {})

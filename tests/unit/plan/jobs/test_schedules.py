@@ -196,9 +196,18 @@ def test_an_edit_reaches_the_next_run_and_makes_up_for_nothing() -> None:
 def test_what_is_due_while_suspended_is_skipped(fields: dict[str, Any]) -> None:
     app, stopped = app_of(component("driver")), app_of(component("driver"), **fields)
     ended = first_run(app, verdict="Complete")
-    (change,) = plan_of(stopped, ended, DUE + DAY).changes
-    assert change.records[Annotation.SETTLED_AT] == "2026-12-01T00:00:00Z"
+    (change,) = plan_of(stopped, ended, DUE + 2 * MINUTE).changes
+    assert change.records == {Annotation.SCHEDULE_SUSPENDED: "true"}
     assert "no runs while suspended" in view_of(stopped, ended, DUE + DAY).message
+    suspended = {ref: with_annotations(job, dict(change.records)) for ref, job in ended.items()}
+    for minutes in range(10):
+        assert not plan_of(stopped, suspended, DUE + DAY + minutes * MINUTE), "what is due costs no request"
+    (change,) = plan_of(app, suspended, DUE + DAY + 5 * MINUTE).changes
+    assert change.over is not None
+    assert change.records[Annotation.SETTLED_AT] == "2026-12-01T00:05:00Z"
+    resumed = {ref: with_annotations(job, dict(change.records)) for ref, job in suspended.items()}
+    assert not plan_of(app, resumed, DUE + DAY + 6 * MINUTE)
+    assert [one.over for one in plan_of(app, resumed, DUE + 2 * DAY).changes] == [None]
 
 
 def test_a_run_that_goes_on_is_suspended_with_its_app_and_goes_on_with_it() -> None:
