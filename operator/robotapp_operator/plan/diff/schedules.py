@@ -88,6 +88,10 @@ class ScheduledRun(NamedTuple):
     """How late a run may begin."""
     is_suspension_new: bool = False
     """That the schedule is suspended is to be recorded on the newest Job."""
+    late_at: datetime | None = None
+    """When its run counts as late unless its pod has a node then; None without a run."""
+    is_late: bool = False
+    """That time is over."""
     is_ahead: bool = False
     """The due time of the newest Job is so far ahead of the clock that it does not count."""
 
@@ -95,7 +99,8 @@ class ScheduledRun(NamedTuple):
     def changes_at(self) -> datetime | None:
         """Returns when this state changes without any event: a run is due, or a due run that could not begin is left out."""
         left_out = None if self.due_now is None else self.due_now + self.starting_deadline
-        return min((time for time in (self.next_due, left_out) if time is not None), default=None)
+        late_at = None if self.is_late else self.late_at
+        return min((time for time in (self.next_due, left_out, late_at) if time is not None), default=None)
 
     @property
     def is_active(self) -> bool:
@@ -152,6 +157,9 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
         may_start=not app.spec.suspend and component.replicas > 0,
         is_edited=is_edited(app, name, job),
     )
+    # Since a suspension the run began anew.
+    began = read_moment(job.state.started or job.state.created) if record.is_under_way else None
+    late_at = began + starting_deadline if began is not None else None
     skipped = due_times.find_last(max(record.settled, now - starting_deadline), now) if record.is_under_way else None
     return ScheduledRun(
         due_times,
@@ -162,6 +170,8 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
         next_due,
         starting_deadline,
         is_suspension_new=decision.is_suspension_new,
+        late_at=late_at,
+        is_late=late_at is not None and late_at <= now,
         is_ahead=(read_due(job) or now) > now + _MOST_AHEAD,
     )
 

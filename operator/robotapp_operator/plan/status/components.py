@@ -241,18 +241,19 @@ def _explain_job(
 def scheduled_view(view: ComponentView, run: ScheduledRun, *, ending: Ending | None, suspended: bool) -> ComponentView:
     """Returns the view of a component with schedule, made from the view of its present Job.
 
-    The component runs on, so it is ready between its runs and while one begins. A run that finds no node does not change that; after one
-    that has failed the component is not ready until the next one begins.
+    The component runs on, so it is ready between its runs and while one begins. After one that has failed it is not ready until the next
+    one begins. A run that finds no node is no failure before it is late, so that a check each minute does not take the app's `Ready` away.
     """
     if ending is not None:
         text = view.message if run.is_under_way else f"ended with its instance ({ending.reason})"
         return dataclasses.replace(view, is_job=False, completed=False, rolling=False, message=text)
-    reason = None if view.reason is Reason.UNSCHEDULABLE else view.reason
+    is_late = run.is_late and view.reason is Reason.UNSCHEDULABLE
+    reason = None if view.reason is Reason.UNSCHEDULABLE and not is_late else view.reason
     return dataclasses.replace(
         view,
         ready=reason is None,
         exists=run.job is not None,
-        bound=True,
+        bound=not is_late,
         rolling=False,
         reason=reason,
         message=_describe_runs(view, run, suspended=suspended)[:MAX_COMPONENT_CHARACTERS],
@@ -278,7 +279,7 @@ def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -
     elif due is not None:
         texts.append(f"run of {due_times.format_time(due)} {'failed' if view.reason else 'succeeded'}")
     if run.skipped is not None:
-        texts.append(f"that of {due_times.format_time(run.skipped)} was skipped, because this one still runs")
+        texts.append(f"that of {due_times.format_time(run.skipped)} was skipped, because this one has not ended")
     if is_stopped:
         texts.append("no runs while suspended")
     elif run.next_due is not None:

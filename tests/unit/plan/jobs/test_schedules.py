@@ -161,7 +161,7 @@ def test_what_is_due_while_a_run_goes_on_is_skipped_and_not_made_up_for() -> Non
     assert not plan_of(app, observed, DUE + 7 * MINUTE)
     text = view_of(app, observed, DUE + 7 * MINUTE).message
     assert text == (
-        "run of 2026-11-30 00:00 is under way; that of 2026-11-30 00:05 was skipped, because this one still runs; next run 2026-11-30 00:10 UTC"
+        "run of 2026-11-30 00:00 is under way; that of 2026-11-30 00:05 was skipped, because this one has not ended; next run 2026-11-30 00:10 UTC"
     )
     ended = store(only_job(app, mark(app), DUE), app, verdict="Complete", ended=DUE + 8 * MINUTE)
     assert not plan_of(app, ended, DUE + 9 * MINUTE)
@@ -350,6 +350,29 @@ def test_the_message_has_the_last_run_and_the_next(verdict: str, ready: bool, te
     assert view.reason is (None if ready else Reason.JOB_FAILED)
     assert not view.completed
     assert "runs the job again" not in view.message
+
+
+def test_a_run_that_finds_no_node_makes_the_component_not_ready_when_it_is_late() -> None:
+    app = app_of()
+    running = first_run(app, creationTimestamp="2026-11-30T00:00:00Z")
+    assert judge_progress(app, running.values(), now=DUE + MINUTE).runs_change_at == DUE + 10 * MINUTE
+    assert judge_progress(app, running.values(), now=DUE + 10 * MINUTE).runs_change_at == DUE + DAY
+    for minutes, is_ready in ((9, True), (10, False)):
+        view = unscheduled_view(app, running, DUE + minutes * MINUTE)
+        assert (view.ready, view.bound) == (is_ready, is_ready)
+        assert view.reason is (None if is_ready else Reason.UNSCHEDULABLE)
+        assert "no node has a GPU" in view.message
+    text = unscheduled_view(app, running, DUE + DAY).message
+    assert "that of 2026-12-01 02:00 was skipped, because this one has not ended" in text
+    assert view_of(app, running, DUE + DAY).ready, "a run that has a node is not late"
+
+
+def unscheduled_view(app: App, observed: Observed, now: datetime) -> ComponentView:
+    progress = judge_progress(app, observed.values(), now=now)
+    (part,) = app.spec.components
+    view = job_view(part, progress.jobs["backup"], (), has_schedule=True)
+    view = dataclasses.replace(view, ready=False, reason=Reason.UNSCHEDULABLE, message="no node has a GPU")
+    return scheduled_view(view, progress.runs["backup"], ending=None, suspended=False)
 
 
 def test_before_the_first_run_the_component_is_ready_and_says_when_it_is() -> None:
