@@ -177,15 +177,17 @@ def job_view(
     """Returns the view of a component with job: it is ready while its pod is, and when it has completed.
 
     ending: the end of its instance. attempt: that of its instance, or the next one, which follows because a job has failed.
-    has_schedule: it is part of no attempt.
+    has_schedule: it is part of no attempt, so that no restart concerns it.
     """
+    if has_schedule:
+        attempt = FIRST_ATTEMPT
     if job is None:
         text = "" if ending is None else f"was not started, because the instance has ended ({ending.reason})"
         text = wait or text or attempt.message
         return dataclasses.replace(_view_missing(component, text), is_job=True, rolling=ending is None)
     live = [pod for pod in pods if not pod.terminal and pod.metadata.deletion_timestamp is None]
     completed, ready = job.is_complete, any(pod.is_ready for pod in live)
-    is_replaced = not has_schedule and job.state.attempt < attempt.number
+    is_replaced = job.state.attempt < attempt.number
     reason: Reason | None = None
     message = ""
     if job.verdict is not None and not job.is_complete and is_replaced:

@@ -9,6 +9,7 @@ import pytest
 from tests.support.factories import VERSION, component, make_app
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Reason
+from robotapp_operator.plan.diff.attempts import Attempt
 from robotapp_operator.plan.diff.diff import Plan, plan, wanted_children
 from robotapp_operator.plan.diff.jobs import judge_progress
 from robotapp_operator.plan.render.child import JOB, Child
@@ -365,6 +366,18 @@ def test_a_run_that_finds_no_node_makes_the_component_not_ready_when_it_is_late(
     text = unscheduled_view(app, running, DUE + DAY).message
     assert "that of 2026-12-01 02:00 was skipped, because this one has not ended" in text
     assert view_of(app, running, DUE + DAY).ready, "a run that has a node is not late"
+
+
+@pytest.mark.parametrize("is_made", [False, True])
+def test_a_restart_of_the_other_jobs_is_no_news_about_a_run(is_made: bool) -> None:
+    app = app_of()
+    observed = first_run(app) if is_made else mark(app)
+    progress = judge_progress(app, observed.values(), now=DUE)
+    (part,) = app.spec.components
+    restart = Attempt(1, 1, message="restarted 1 of 2 times: job save failed")
+    view = job_view(part, progress.jobs.get("backup"), (), has_schedule=True, attempt=restart)
+    view = scheduled_view(view, progress.runs["backup"], ending=None, suspended=False)
+    assert "restarted" not in view.message
 
 
 def unscheduled_view(app: App, observed: Observed, now: datetime) -> ComponentView:
