@@ -83,6 +83,10 @@ class ScheduledRun(NamedTuple):
     """The time to record as `robotics.io/settled-at`: on the newest Job, or on the first one, which never runs."""
     skipped: datetime | None = None
     """The last time that was due while the run of the newest Job went on."""
+    missed: datetime | None = None
+    """The last time that was due while no run went on, and whose run could not begin in time."""
+    is_miss_new: bool = False
+    """That a run was missed is to be recorded on the newest Job, and to be reported by an event."""
     next_due: datetime | None = None
     starting_deadline: timedelta = timedelta()
     """How late a run may begin."""
@@ -101,6 +105,12 @@ class ScheduledRun(NamedTuple):
         left_out = None if self.due_now is None else self.due_now + self.starting_deadline
         late_at = None if self.is_late else self.late_at
         return min((time for time in (self.next_due, left_out, late_at) if time is not None), default=None)
+
+    @property
+    def why_missed(self) -> str:
+        """Returns why the last missed run did not begin, as the end of a sentence."""
+        seconds = f"{self.starting_deadline.total_seconds():.0f} s"
+        return f"was missed, because it could not begin within {seconds} (schedule.startingDeadlineSeconds)"
 
     @property
     def is_active(self) -> bool:
@@ -161,14 +171,19 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
     began = read_moment(job.state.started or job.state.created) if record.is_under_way else None
     late_at = began + starting_deadline if began is not None else None
     skipped = due_times.find_last(max(record.settled, now - starting_deadline), now) if record.is_under_way else None
+    is_idle = not record.is_under_way and decision == RunDecision() and not record.is_suspended
+    missed = due_times.find_last(record.settled, now - starting_deadline) if is_idle else None
+    reported = read_moment(job.metadata.annotations.get(Annotation.MISSED_AT, ""))
     return ScheduledRun(
         due_times,
         job,
-        decision.due,
-        decision.settled,
-        skipped,
-        next_due,
-        starting_deadline,
+        due_now=decision.due,
+        settled=decision.settled,
+        skipped=skipped,
+        next_due=next_due,
+        starting_deadline=starting_deadline,
+        missed=missed,
+        is_miss_new=missed is not None and (reported is None or reported <= record.settled),
         is_suspension_new=decision.is_suspension_new,
         late_at=late_at,
         is_late=late_at is not None and late_at <= now,
@@ -227,6 +242,8 @@ def list_run_records(run: ScheduledRun | None, job: Job, run_hash: str) -> dict[
         return {}
     if run.is_suspension_new:
         return {Annotation.SCHEDULE_SUSPENDED.value: _TRUE}
+    if run.is_miss_new and run.missed is not None:
+        return {Annotation.MISSED_AT.value: whole_seconds(run.missed)}
     if run.settled is None:
         return {}
     records = {Annotation.RUN_HASH.value: run_hash, Annotation.SETTLED_AT.value: whole_seconds(run.settled)}

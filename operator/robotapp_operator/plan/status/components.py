@@ -282,6 +282,8 @@ def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -
         texts.append(f"run of {due_times.format_time(due)} {'failed' if view.reason else 'succeeded'}")
     if run.skipped is not None:
         texts.append(f"that of {due_times.format_time(run.skipped)} was skipped, because this one has not ended")
+    if run.missed is not None:
+        texts.append(f"{'run' if due is None else 'that'} of {due_times.format_time(run.missed)} {run.why_missed}")
     if is_stopped:
         texts.append("no runs while suspended")
     elif run.next_due is not None:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.model.names import EventReason, Label, Reason
+from robotapp_api.model.names import Annotation, EventReason, Label, Reason
 from robotapp_claims.protocol.domains import ensure_domain
 from robotapp_claims.rules.domain import DomainOutcome, Fence
 from robotapp_claims.rules.instances import robot_of
@@ -291,6 +291,7 @@ class InstanceReconciler:
             memory.unseen[robot] = Unseen(app.generation, self._clock() + AWAIT_S, written.versions)
         self._announce_restart(app, robot, [change for change in plan.changes if change.child.ref in written.versions])
         self._announce_changes(app, robot, plan, written)
+        self._announce_missed_runs(app, robot, plan, written, progress)
         refusals = [*claim_refusals, *written.refusals]
         if refusals:
             memory.troubles[robot] = refusals[0]
@@ -313,6 +314,17 @@ class InstanceReconciler:
             if child.change and change.over and change.amended is None and child.ref in written.versions:
                 note = f"{child.component} starts anew: {child.change} changed"
                 self._announce_about(app, robot, EventReason.CONFIG_CHANGED, note, warning=False)
+
+    def _announce_missed_runs(self, app: App, robot: str, plan: Plan, written: Written, progress: Progress) -> None:
+        """Writes events about runs of schedules that could not begin in time."""
+        for change in plan.changes:
+            run = progress.runs.get(change.child.component)
+            if run is None or run.missed is None or Annotation.MISSED_AT not in change.records:
+                continue
+            if change.child.ref in written.versions:
+                due = run.due_times.format_time(run.missed)
+                note = f"{change.child.component}: the run of {due} {run.due_times.zone.key} {run.why_missed}"
+                self._announce_about(app, robot, EventReason.RUN_MISSED, note, warning=True)
 
     def _announce_about(self, app: App, robot: str, reason: EventReason, note: str, *, warning: bool) -> None:
         """Writes an event about one instance of the app."""

@@ -13,6 +13,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_client import ApiClient, ServerError
 from robotapp_client.api.resources import JOBS, ROBOTAPPS
 from robotapp_operator.plan.spec.objects import Job
+from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile.instances.instance_reconciler import InstanceReconciler
 from robotapp_operator.reconcile.observer import Observer
@@ -35,6 +36,7 @@ class Nights:
         self.client = client
         self.now = EVENING
         self.body: dict[str, Any] = {}
+        self.events: list[PendingEvent] = []
 
     async def app(self, **spec: Any) -> None:
         body = app_body(ros={"distro": "none"}, components=[NIGHTLY], **spec)
@@ -47,7 +49,14 @@ class Nights:
         cache, memory = await self.list_all(), ReconcileState()
         params = ParamsWatch(self.client, cache, Queue(clock=lambda: 0.0, jitter=lambda: 0.0))
         reconciler = InstanceReconciler(
-            self.client, cache, memory, params, version="1.0.0", clock=lambda: 1.0, now=lambda: self.now
+            self.client,
+            cache,
+            memory,
+            params,
+            version="1.0.0",
+            clock=lambda: 1.0,
+            now=lambda: self.now,
+            announce=lambda _, event: self.events.append(event),
         )
         assert await reconciler.reconcile(self.body["metadata"]["uid"], "")
         return reconciler.due_s(self.body["metadata"]["uid"], "")
@@ -146,6 +155,22 @@ async def test_a_run_whose_creation_fails_is_made_by_the_next_operator(
     assert await nights.due_times() == ["2026-12-01T00:00:00Z", "2026-11-30T00:00:00Z"]
     await nights.look(DUE + DAY + timedelta(minutes=5))
     assert await nights.due_times() == ["2026-12-01T00:00:00Z"]
+
+
+async def test_a_run_that_an_outage_has_taken_is_one_event_whatever_operators_look_after_it(nights: Nights) -> None:
+    await nights.app()
+    await nights.look(EVENING)
+    for seconds in (660, 661, 3600):
+        await nights.look(DUE + timedelta(seconds=seconds))
+    (event,) = nights.events
+    assert event.warning
+    assert event.reason == "RunMissed"
+    assert event.note == (
+        "backup: the run of 2026-11-30 02:00 Europe/Athens was missed, because it could not begin within 600 s "
+        "(schedule.startingDeadlineSeconds)"
+    )
+    await nights.look(DUE + DAY)
+    assert sorted(await nights.due_times()) == ["", "2026-12-01T00:00:00Z"]
 
 
 async def test_facts_are_others_when_a_run_is_due(nights: Nights) -> None:

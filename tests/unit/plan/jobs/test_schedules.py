@@ -149,7 +149,17 @@ def test_a_run_that_is_too_late_is_left_out_and_the_next_one_is_made() -> None:
     app = app_of()
     ended = first_run(app, verdict="Complete")
     late = DUE + 3 * DAY + timedelta(seconds=601)
-    assert not plan_of(app, ended, late)
+    (change,) = plan_of(app, ended, late).changes
+    assert change.records == {Annotation.MISSED_AT: "2026-12-03T00:00:00Z"}
+    reported = {ref: with_annotations(job, dict(change.records)) for ref, job in ended.items()}
+    assert not plan_of(app, reported, late)
+    assert not plan_of(app, reported, late + DAY), (
+        "of several that are missed one after the other the first is recorded"
+    )
+    assert view_of(app, reported, late).message == (
+        "run of 2026-11-30 02:00 succeeded; that of 2026-12-03 02:00 was missed, because it could not begin within "
+        "600 s (schedule.startingDeadlineSeconds); next run 2026-12-04 02:00 Europe/Athens"
+    )
     assert judge_progress(app, ended.values(), now=late).runs_change_at == DUE + 4 * DAY
     patient = app_of(schedule={**NIGHTLY, "startingDeadlineSeconds": 86_400})
     (change,) = plan_of(patient, first_run(patient, verdict="Complete"), late).changes
@@ -288,7 +298,9 @@ def test_a_run_waits_for_what_it_depends_on_and_its_record_stays() -> None:
     before = mark(app)
     assert not plan_of(app, before, DUE)
     assert judge_progress(app, before.values(), now=DUE).runs_change_at == DUE + 10 * MINUTE
-    assert not plan_of(app, before, DUE + 11 * MINUTE)
+    (change,) = plan_of(app, before, DUE + 11 * MINUTE).changes
+    assert change.records == {Annotation.MISSED_AT: "2026-11-30T00:00:00Z"}
+    assert view_of(app, before, DUE + 11 * MINUTE).message.startswith("run of 2026-11-30 02:00 was missed")
     ready = make_deployment(app, "db")
     (change,) = plan_of(app, before | ready, DUE + MINUTE).changes
     assert change.child.annotations[Annotation.DUE_AT] == "2026-11-30T00:00:00Z"
