@@ -119,6 +119,8 @@ class Annotation(StrEnum):
     """On Jobs of components with schedule: for which due time it was made."""
     SETTLED_AT = "robotics.io/settled-at"
     """On Jobs of components with schedule: due times until this time are not made up for. It alone marks since when the schedule counts."""
+    SCHEDULE_HASH = "robotics.io/schedule-hash"
+    """On Jobs of components with schedule: hash of the schedule by which its runs are due; another one begins it anew."""
     SCHEDULE_SUSPENDED = "robotics.io/schedule-suspended"
     """On Jobs of components with schedule: true while the component has no runs, because its app or itself is suspended."""
     MISSED_AT = "robotics.io/missed-at"

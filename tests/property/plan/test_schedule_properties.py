@@ -70,7 +70,7 @@ class Looks:
             starting_deadline=self.starting_deadline,
             now=self.now,
             may_start=not suspended,
-            is_edited=edited,
+            is_new=edited,
         )
         if decision.due is not None:
             assert not self.record.is_under_way
@@ -110,7 +110,7 @@ def test_after_an_outage_the_last_run_alone_is_made_up_for(
     due_times = parse_due_times(line, ATHENS)
     now = begin + timedelta(seconds=outage_s)
     decision = decide_run(
-        due_times, RunRecord(begin), starting_deadline=starting_deadline, now=now, may_start=True, is_edited=False
+        due_times, RunRecord(begin), starting_deadline=starting_deadline, now=now, may_start=True, is_new=False
     )
     missed = list_due_times(due_times, begin, now)
     late = [due for due in missed if due > now - starting_deadline]

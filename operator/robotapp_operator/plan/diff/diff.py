@@ -221,7 +221,8 @@ def _change_job(app: App, child: Child, job: Job, progress: Progress) -> Change 
         spec = amend_job(app, child, job, progress) if progress.ending is None else end_at_once(job)
         if spec is not None and spec != job.spec:
             return Change(child, job, spec)
-    records = list_run_records(progress.runs.get(child.component), job, app.run_hashes[child.component])
+    schedule_hash = app.schedule_hashes.get(child.component, "")
+    records = list_run_records(progress.runs.get(child.component), job, schedule_hash)
     return Change(child, job, records=records) if records else None
 
 

@@ -15,7 +15,7 @@ from robotapp_api.values.schedules.due_times import DueTimes
 from robotapp_claims.rules.completion.endings import has_schedule
 from robotapp_operator.plan.render.child import JOB, Child
 from robotapp_operator.plan.render.deployments import RunTimes
-from robotapp_operator.plan.spec.desired import App, is_edited
+from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Job
 
 _LONG_AGO: Final = datetime(2000, 1, 1, tzinfo=UTC)
@@ -55,18 +55,17 @@ def decide_run(
     starting_deadline: timedelta,
     now: datetime,
     may_start: bool,
-    is_edited: bool,
+    is_new: bool,
 ) -> RunDecision:
     """Returns the run that begins now, or the due times that get none.
 
-    starting_deadline: how late a run may begin. is_edited: the component was changed since the record was made, which begins the
-    schedule anew.
+    starting_deadline: how late a run may begin. is_new: it is another schedule than that of the record, so that it begins anew.
     """
     if record.is_under_way:
         return RunDecision()  # due times until the run ends are skipped: its end settles them
     if not may_start:
         return RunDecision(is_suspension_new=not record.is_suspended)
-    if is_edited or record.is_ahead or record.is_suspended:
+    if is_new or record.is_ahead or record.is_suspended:
         return RunDecision(settled=max(now, record.settled))
     return RunDecision(due=due_times.find_last(max(record.settled, now - starting_deadline), now))
 
@@ -165,7 +164,7 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
         starting_deadline=starting_deadline,
         now=now,
         may_start=not app.spec.suspend and component.replicas > 0,
-        is_edited=is_edited(app, name, job),
+        is_new=job.metadata.annotations.get(Annotation.SCHEDULE_HASH) != app.schedule_hashes[name],
     )
     # Since a suspension the run began anew.
     began = read_moment(job.state.started or job.state.created) if record.is_under_way else None
@@ -236,8 +235,8 @@ def is_recorded_as_suspended(job: Job) -> bool:
     return job.metadata.annotations.get(Annotation.SCHEDULE_SUSPENDED) == _TRUE
 
 
-def list_run_records(run: ScheduledRun | None, job: Job, run_hash: str) -> dict[str, str]:
-    """Returns the annotations to write on a Job of a component with schedule, {} for none. run_hash: that of the present spec."""
+def list_run_records(run: ScheduledRun | None, job: Job, schedule_hash: str) -> dict[str, str]:
+    """Returns the annotations to write on a Job of a component with schedule, {} for none. schedule_hash: that of the present spec."""
     if run is None or run.job is not job:
         return {}
     if run.is_suspension_new:
@@ -246,5 +245,5 @@ def list_run_records(run: ScheduledRun | None, job: Job, run_hash: str) -> dict[
         return {Annotation.MISSED_AT.value: whole_seconds(run.missed)}
     if run.settled is None:
         return {}
-    records = {Annotation.RUN_HASH.value: run_hash, Annotation.SETTLED_AT.value: whole_seconds(run.settled)}
+    records = {Annotation.SCHEDULE_HASH.value: schedule_hash, Annotation.SETTLED_AT.value: whole_seconds(run.settled)}
     return records | ({Annotation.SCHEDULE_SUSPENDED.value: "false"} if is_recorded_as_suspended(job) else {})

@@ -126,12 +126,14 @@ def _job(
     if job.active_deadline_seconds is not None:
         spec["activeDeadlineSeconds"] = job.active_deadline_seconds
     records = {Annotation.DUE_AT.value: times.due, Annotation.SETTLED_AT.value: times.settled}
+    hashes = {Annotation.RUN_HASH.value: desired.app.run_hashes[component.name]}
+    if component.schedule is not None:
+        hashes[Annotation.SCHEDULE_HASH.value] = desired.app.schedule_hashes[component.name]
     return Child(
         ref=ChildRef(JOB, times.job_name or name_run(desired, component.name, times.due)),
         labels=component_labels(desired, component.name) | queue,
         spec=spec,
-        annotations={Annotation.RUN_HASH.value: desired.app.run_hashes[component.name]}
-        | {key: whole_seconds(time) for key, time in records.items() if time is not None},
+        annotations=hashes | {key: whole_seconds(time) for key, time in records.items() if time is not None},
     )
 
 

@@ -231,9 +231,17 @@ class App:
         return due_times
 
     @functools.cached_property
+    def schedule_hashes(self) -> Mapping[str, str]:
+        """Hash of the schedule of each component that has one, by its name: another one begins it anew."""
+        return {
+            part.name: content_hash(part.schedule.model_dump(mode="json", exclude_defaults=True))
+            for part in self.spec.components
+            if part.schedule is not None
+        }
+
+    @functools.cached_property
     def run_hashes(self) -> Mapping[str, str]:
-        """Hash of what the user wrote about the run of each component with job, by its name: another one runs the job again, and begins
-        a schedule anew.
+        """Hash of what the user wrote about the run of each component with job, by its name: another one runs the job again.
 
         Left out is what decides when it starts and for how long: how often a failed one is tried, and what it waits for.
         """

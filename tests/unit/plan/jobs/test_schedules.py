@@ -180,7 +180,17 @@ def test_what_is_due_while_a_run_goes_on_is_skipped_and_not_made_up_for() -> Non
     assert change.child.annotations[Annotation.DUE_AT] == "2026-11-30T00:10:00Z"
 
 
-def test_an_edit_reaches_the_next_run_and_makes_up_for_nothing() -> None:
+def test_an_edit_of_the_program_that_is_seen_after_a_due_time_takes_no_run_away() -> None:
+    before, after = app_of(), app_of(args=["--all"])
+    for observed in (mark(before), first_run(before, verdict="Complete")):
+        due = DUE if observed.keys() == mark(before).keys() else DUE + DAY
+        assert not plan_of(after, observed, due - MINUTE)
+        (change,) = plan_of(after, observed, due + timedelta(seconds=5)).changes
+        assert change.over is None
+        assert change.child.spec["template"]["spec"]["containers"][0]["args"] == ["--all"]
+
+
+def test_another_schedule_begins_with_its_next_time_and_leaves_a_run_that_goes_on_alone() -> None:
     before, after = app_of(), app_of(schedule={"cron": "30 1 * * *"})
     now = DUE + timedelta(hours=1, minutes=31)  # a minute after the new line was due
     running = first_run(before)
@@ -188,7 +198,7 @@ def test_an_edit_reaches_the_next_run_and_makes_up_for_nothing() -> None:
     ended = first_run(before, verdict="Complete")
     (change,) = plan_of(after, ended, now).changes
     assert change.records == {
-        Annotation.RUN_HASH.value: after.run_hashes["backup"],
+        Annotation.SCHEDULE_HASH.value: after.schedule_hashes["backup"],
         Annotation.SETTLED_AT.value: "2026-11-30T01:31:00Z",
     }
     assert change.amended is None
