@@ -27,7 +27,7 @@ _JOB_SPEC: Final = {
     **dict.fromkeys(
         ("completions", "parallelism", "completionMode"),
         f"remove it and write job: {{}} for a program that ends; runs with other values are spec.matrix (docs/how-to/sweeps.md), "
-        f"runs that are alike a Job of your own ({_RUNS_THAT_END})",
+        "runs that are alike a Job of your own (docs/how-to/jobs-with-a-domain.md)",
     ),
     **dict.fromkeys(
         ("ttl", "ttlSecondsAfterFinished"),

@@ -1,4 +1,4 @@
-"""A component that comes back, on a control plane with the operator and our scheduler: it runs when it is due, once, whoever is killed."""
+"""A job on a schedule, on a control plane with the operator and our scheduler: each due time has one run, whichever of them is killed."""
 
 import secrets
 from collections import defaultdict
