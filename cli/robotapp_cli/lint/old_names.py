@@ -26,7 +26,7 @@ _RUNS_THAT_END: Final = "docs/how-to/runs-that-end.md"
 _JOB_SPEC: Final = {
     **dict.fromkeys(
         ("completions", "parallelism", "completionMode"),
-        f"remove it and write job: {{}} for a program that ends; runs with other values are spec.matrix (docs/how-to/sweeps.md), "
+        "remove it and write job: {} for a program that ends; runs with other values are spec.matrix (docs/how-to/sweeps.md), "
         "runs that are alike a Job of your own (docs/how-to/jobs-with-a-domain.md)",
     ),
     **dict.fromkeys(
