@@ -1,4 +1,6 @@
-"""A job on a schedule, on a control plane with the operator and our scheduler: each due time has one run, whichever of them is killed."""
+"""A job on a schedule, on a control plane with the operator and our scheduler: each due time has one run, whichever
+of them is killed.
+"""
 
 import secrets
 from collections import defaultdict
