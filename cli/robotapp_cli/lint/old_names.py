@@ -31,7 +31,7 @@ _JOB_SPEC: Final = {
     ),
     **dict.fromkeys(
         ("ttl", "ttlSecondsAfterFinished"),
-        f"write completion: {{ttl: 1h}} in spec: it deletes the whole app so long after its end ({_RUNS_THAT_END})",
+        f"write completion: {{ttl: 1h}} in spec: it deletes the whole app one hour after its end ({_RUNS_THAT_END})",
     ),
     "maxRestarts": f"write completion: {{maxRestarts: 3}} in spec: all jobs run again when one has failed ({_RUNS_THAT_END})",
     **dict.fromkeys(
@@ -39,9 +39,9 @@ _JOB_SPEC: Final = {
         f'write schedule: {{cron: "0 2 * * *"}} beside job in the component ({_RUNS_THAT_END})',
     ),
 }
-"""Fields of Jobs and CronJobs that no app has → what to do in place of them."""
+"""Fields of Jobs and CronJobs that an app has at another place, or not at all → what to write."""
 _CRON_JOB: Final = {
-    "concurrencyPolicy": "remove it: a run that still goes when the next one is due has that one skipped",
+    "concurrencyPolicy": "remove it: due times while a run goes on are skipped",
     **dict.fromkeys(
         ("successfulJobsHistoryLimit", "failedJobsHistoryLimit"),
         "remove it: the Job of the last run stays until the next one begins",
