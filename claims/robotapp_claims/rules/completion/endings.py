@@ -24,7 +24,7 @@ from robotapp_claims.rules.objects import (
 LONGEST_DEADLINE: Final = timedelta(days=3650)
 _MOST_DIGITS: Final = 9
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
-"""So much earlier than by the clock of the operator a Job may end by that of the Job controller."""
+"""By the clock of the Job controller a Job may end this much earlier than by that of the operator."""
 
 
 class CompletionRules(NamedTuple):
