@@ -43,7 +43,8 @@ def due_jobs(tenant: Tenant) -> dict[str, dict[str, Any]]:
 
 def message_of(tenant: Tenant, name: str) -> str:
     (instance,) = tenant.instances(name)
-    return next(str(view.get("message", "")) for view in instance["status"]["components"] if view["name"] == "check")
+    components = instance["status"].get("components", ())
+    return next((str(view.get("message", "")) for view in components if view["name"] == "check"), "")
 
 
 def test_a_run_is_made_when_it_is_due_and_not_again_by_an_operator_that_starts_anew(
