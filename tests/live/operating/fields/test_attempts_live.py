@@ -31,7 +31,7 @@ def second_operator(installed_plane: ControlPlane) -> Iterator[Process]:
 
 
 def wait_pod(tenant: Tenant, component: str, attempt: str) -> dict[str, Any]:
-    """The one pod of the component that has not ended, when it is of this attempt."""
+    """Waits until the one pod of the component that has not ended is of this attempt; returns it."""
 
     def look() -> dict[str, Any] | None:
         live = [
