@@ -176,8 +176,8 @@ def job_view(
 ) -> ComponentView:
     """Returns the view of a component with job: it is ready while its pod is, and when it has completed.
 
-    ending: the end of its instance. attempt: that of its instance, or the next one, which follows because a job has failed.
-    has_schedule: it is part of no attempt, so that no restart concerns it.
+    ending: the end of its instance. attempt: that of its instance, or the next one, which follows because a job has
+    failed. has_schedule: it is part of no attempt, so that no restart concerns it.
     """
     if has_schedule:
         attempt = FIRST_ATTEMPT
@@ -301,7 +301,7 @@ def _describe_missing(names: Sequence[str]) -> str:
 def _explain_end_of_job(
     job: Job, pods: Sequence[Pod], ending: Ending | None, *, has_schedule: bool
 ) -> tuple[Reason | None, str]:
-    """Returns the end of a job: for one that has failed the reason, and how it is run again, unless its schedule does that.
+    """Returns the end of a job; for one that has failed why, and how to run it again, unless it has a schedule.
 
     A job that was ended with its instance has not failed by itself.
     """
