@@ -121,7 +121,8 @@ class InstancePlanner:
 
     def must_not_start(self, app: App, instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
         """Returns whether nothing of the instance may be created yet. One that is there already goes on as it is written."""
-        waits = instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
+        turn = describe_turn(app, instance.robot, self._cache, now=self._now())
+        waits = instance.problem or instance.missing or turn
         return bool(waits) and not observed
 
     def judge(self, app: App, robot: str, observed: Mapping[ChildRef, Observed], status: Mapping[str, Any]) -> Progress:
