@@ -21,7 +21,7 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.jobs import names_domain
-from robotapp_operator.plan.diff.turns import find_end_of_turn, list_admitted
+from robotapp_operator.plan.diff.turns import Turns, find_end_of_turn, plan_turns
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.config_content import ClusterConfig, reads_config
 from robotapp_operator.plan.spec.desired import App, Domain
@@ -79,19 +79,23 @@ def finished_instances(app: App, cache: Cache, *, now: datetime) -> frozenset[st
 
 def admitted_instances(app: App, cache: Cache, *, now: datetime) -> frozenset[str]:
     """Returns the unfinished instances of a sweep that may run now."""
+    return _plan_turns(app, cache, now=now).admitted
+
+
+def _plan_turns(app: App, cache: Cache, *, now: datetime) -> Turns:
     finished, available = finished_instances(app, cache, now=now), _count_available(app, cache)
 
-    def list_unfinished() -> frozenset[str]:
-        claims = cache.claims.of(app.uid).values()
-        holding = {
-            claim.holder.instance for claim in claims if claim.spec.domain and claim.spec.domain.pool == app.pool
-        }
+    def plan_by_claims() -> Turns:
+        all_claims = cache.claims.of(app.uid).values()
+        claims = [claim for claim in all_claims if claim.spec.domain and claim.spec.domain.pool == app.pool]
+        holding = {claim.holder.instance for claim in claims if not claim.parked}
+        parked = {claim.holder.instance for claim in claims if claim.parked}
         running = cache.running_instances(app.uid)
-        return list_admitted(app, finished, running, holding=holding, available=available)
+        return plan_turns(app, finished, running, holding=holding, parked=parked, available=available)
 
     version = cache.version_of_app(app.uid), available, finished
-    answer: frozenset[str] = cache.answers.get(app, "admitted", version, list_unfinished)
-    return answer
+    turns: Turns = cache.answers.get(app, "turns", version, plan_by_claims)
+    return turns
 
 
 def _count_available(app: App, cache: Cache) -> int | None:
@@ -105,15 +109,18 @@ def describe_turn(app: App, instance: str, cache: Cache, *, now: datetime) -> st
     if app.spec.matrix is None or instance in cache.running_instances(app.uid):
         return ""
     is_refused = any(problem.reason == Reason.INVALID_SPEC for problem in problems_now(app, cache))
-    if is_refused or instance in admitted_instances(app, cache, now=now):
+    turns = _plan_turns(app, cache, now=now)
+    if is_refused or instance in turns.admitted:
         return ""
     text = f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
-    available = _count_available(app, cache)
-    limit = limit_domains(app.spec.matrix.parallelism, available) if available is not None else len(app.sweep)
+    if turns.available is None:
+        return text
+    limit = limit_domains(app.spec.matrix.parallelism, turns.available)
     if limit >= len(app.sweep):
         return text
     rest_s = cache.pools[app.pool].spec.quarantine_seconds
-    return f"{text}, with at most {limit} of {available} domains, counting those of ended runs, which rest {rest_s} s"
+    text += f", with at most {limit} of {turns.available} domains, counting those of ended runs, which rest {rest_s} s"
+    return f"{text}; parked until their nodes are seen again: {turns.parked}" if turns.parked else text
 
 
 def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:

@@ -4,6 +4,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import msgspec
+import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.claims import objects as make
 from tests.support.clients import client_for
@@ -28,8 +29,10 @@ NOW = datetime(2026, 1, 1, tzinfo=UTC)
 MATRIX = {"parameters": [{"name": "seed", "values": ["1", "2", "3"]}], "parallelism": 1}
 
 
-def make_cache(completion: Any = None, **matrix: Any) -> tuple[Cache, App]:
+def make_cache(completion: Any = None, *, count: int = 3, **matrix: Any) -> tuple[Cache, App]:
     cache = Cache()
+    seeds = [str(number) for number in range(1, count + 1)]
+    matrix["parameters"] = [{"name": "seed", "values": seeds}]
     return cache, put_app(cache, completion, **matrix)
 
 
@@ -153,6 +156,40 @@ def test_domains_that_rest_after_a_run_count_until_they_are_free() -> None:
     assert text.endswith("with at most 2 of 4 domains, counting those of ended runs, which rest 1 s")
     cache.claims.drop(UID, put_claim(cache, first, 1).name)
     assert admitted_instances(app, cache, now=NOW) == {third}
+
+
+@pytest.mark.parametrize(("parallelism", "ids", "parked"), [(1, "1-3", 1), (2, "1-4", 2), (3, "1-2", 1)])
+def test_domains_that_are_parked_for_a_lost_node_do_not_stop_a_sweep_while_others_are_free(
+    parallelism: int, ids: str, parked: int
+) -> None:
+    cache, app = make_cache(parallelism=parallelism, count=8)
+    names = [*app.sweep]
+    put_pool(cache, ids)
+    for number, instance in enumerate(names[:parked], start=1):
+        put_job(cache, app, instance, verdict="Complete")
+        put_claim(cache, instance, number, phase="Parked")
+    free = int(ids[-1]) - parked
+    assert admitted_instances(app, cache, now=NOW) == set(names[parked:][: min(parallelism, free)])
+
+
+def test_who_waits_is_told_how_many_domains_are_parked() -> None:
+    cache, app = make_cache(parallelism=1, count=8)
+    first, *_, last = app.sweep
+    put_pool(cache, "1-5")
+    put_job(cache, app, first, verdict="Complete")
+    put_claim(cache, first, 1, phase="Parked")
+    text = describe_turn(app, last, cache, now=NOW)
+    assert "with at most 2 of 4 domains" in text
+    assert text.endswith("; parked until their nodes are seen again: 1")
+
+
+def test_the_domain_of_a_run_that_is_parked_while_it_goes_on_is_counted_once() -> None:
+    cache, app = make_cache(parallelism=2, count=8)
+    first, second, *_ = app.sweep
+    put_pool(cache, "1-2")
+    put_job(cache, app, first)
+    put_claim(cache, first, 1, phase="Parked")
+    assert admitted_instances(app, cache, now=NOW) == {first, second}
 
 
 def test_an_instance_with_a_domain_and_no_job_yet_keeps_its_turn() -> None:

@@ -8,7 +8,7 @@ from tests.support.factories import UID, component, make_app
 from robotapp_api.model.names import QUEUE_NAME
 from robotapp_operator.plan.diff.diff import plan, still_running, wanted_children
 from robotapp_operator.plan.diff.jobs import judge_progress
-from robotapp_operator.plan.diff.turns import LONG_AGO, find_end_of_turn, list_admitted
+from robotapp_operator.plan.diff.turns import LONG_AGO, find_end_of_turn, plan_turns
 from robotapp_operator.plan.render.deployments import component_jobs
 from robotapp_operator.plan.render.devices.resource_claim import wanted_claims
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
@@ -43,7 +43,7 @@ def job_of(app: App, instance: str, *, verdict: str = "", **spec: Any) -> Job:
 def admitted(app: App, jobs: dict[str, list[Job]]) -> frozenset[str]:
     """The instances that may run with these Jobs."""
     finished = {name for name, items in jobs.items() if find_end_of_turn(app, items) == LONG_AGO}
-    return list_admitted(app, finished, jobs)
+    return plan_turns(app, finished, jobs).admitted
 
 
 def test_the_next_instances_begin_when_others_have_ended_and_not_before() -> None:
