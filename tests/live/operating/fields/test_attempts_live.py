@@ -31,7 +31,7 @@ def second_operator(installed_plane: ControlPlane) -> Iterator[Process]:
 
 
 def wait_pod(tenant: Tenant, component: str, attempt: str) -> dict[str, Any]:
-    """The one pod of the component that has not ended, when it is of this attempt."""
+    """Waits until the one pod of the component that has not ended is of this attempt; returns it."""
 
     def look() -> dict[str, Any] | None:
         live = [
@@ -147,5 +147,5 @@ def test_an_app_is_deleted_after_its_end_with_an_event_and_nothing_of_it_is_left
 
 
 def test_an_app_without_a_job_is_refused_a_ttl_with_what_to_write(unplaced: Tenant) -> None:
-    with pytest.raises(ApiStatusError, match=r"none does; write job: \{\} in one, or remove completion"):
+    with pytest.raises(ApiStatusError, match=r"about components that end, .*write job: \{\} in one"):
         unplaced.apply("service", part("driver"), completion={"ttl": "5s"})
