@@ -7,14 +7,13 @@ component with schedule has a Job for each run (`schedules`); its edits reach th
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterable, Mapping
-from datetime import UTC, datetime
+from collections.abc import Iterable, Mapping
+from datetime import datetime
 from typing import Any, Final, NamedTuple, TypeGuard
 
 import msgspec
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
-from robotapp_api.values.sweeps.matrix import choose_admitted
 from robotapp_claims.rules.completion.endings import Ending, find_deadline, find_ending, find_failure, read_number
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_operator.plan.diff.attempts import FIRST_ATTEMPT, Attempt, find_attempt, plan_next_attempt
@@ -69,6 +68,11 @@ class Progress(NamedTuple):
         """Returns when the next run is due, or one that cannot begin is left out; None without a schedule."""
         return min((time for run in self.runs.values() if (time := run.changes_at) is not None), default=None)
 
+    def find_change(self, now: datetime) -> datetime | None:
+        """Returns when time alone changes the instance: a run is due or left out, or its own time is over. None where nothing does."""
+        times = [time for time in (self.runs_change_at, self.deadline) if time is not None and time > now]
+        return min(times, default=None) if self.ending is None else None
+
 
 NO_JOBS: Final = Progress()
 
@@ -106,31 +110,6 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime, statu
         runs=runs,
         attempt=attempt,
         next_attempt=plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts) if failure else None,
-    )
-
-
-def list_admitted(
-    app: App,
-    jobs: Mapping[str, Iterable[Job]],
-    running: Collection[str],
-    *,
-    holding: Collection[str] = (),
-    available: int | None = None,
-) -> frozenset[str]:
-    """Returns the instances of a sweep that may run now. jobs: those of each instance. running: instances with Deployments or Jobs.
-    holding: instances with a domain. available: domains that the app's namespace may have, None where its instances need none.
-
-    An instance whose time is over counts as running until its jobs have ended.
-    """
-    begin = datetime.min.replace(tzinfo=UTC)
-    finished = {name for name, items in jobs.items() if judge_progress(app, items, now=begin).ending is not None}
-    return choose_admitted(
-        [*app.sweep],
-        parallelism=app.spec.matrix.parallelism if app.spec.matrix else 0,
-        begun=frozenset([*running, *holding]),
-        finished=frozenset(finished),
-        resting=sum(name in finished or name not in app.sweep for name in holding),
-        available=available,
     )
 
 
