@@ -12,6 +12,8 @@ from robotapp_api.model.names import QUEUE_NAME, Annotation, Reason
 from robotapp_operator.plan.diff.diff import Plan, plan, wanted_children
 from robotapp_operator.plan.diff.jobs import judge_progress
 from robotapp_operator.plan.render.child import JOB, Child
+from robotapp_operator.plan.render.devices.ledger import DriverNodes, claiming_components
+from robotapp_operator.plan.render.devices.resource_claim import wanted_claims
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job
 from robotapp_operator.plan.spec.validate import problems_alone
@@ -242,6 +244,37 @@ def make_deployment(app: App, name: str) -> Observed:
     body["metadata"] |= {"uid": name, "resourceVersion": "1", "generation": 1}
     body["status"] = {"observedGeneration": 1, "replicas": 1, "readyReplicas": 1, "updatedReplicas": 1}
     return {child.ref: msgspec.convert(body, Deployment)}
+
+
+def test_a_run_has_the_claim_of_its_devices_and_between_runs_there_is_none() -> None:
+    app = app_of(devices=[{"name": "lidar", "type": "serial"}])
+    before, ended = mark(app), first_run(app, verdict="Complete")
+
+    def claims_at(observed: Observed, now: datetime) -> list[str]:
+        progress = judge_progress(app, observed.values(), now=now)
+        children = wanted_children(
+            desired_of(app, ""),
+            domain=DOMAIN,
+            parameters={},
+            running=True,
+            observed=observed,
+            progress=progress,
+            claiming={"backup"},
+        )
+        return [claim.name for claim in wanted_claims(app, children)]
+
+    assert claims_at(before, EVENING) == []
+    assert claims_at(ended, DUE + 2 * MINUTE) == []
+    assert claims_at(before, DUE) == claims_at(ended, DUE + DAY) == [desired_of(app, "").name_of("backup")]
+
+
+def test_a_run_that_goes_on_keeps_the_ledger_of_its_template_and_the_next_one_chooses_anew() -> None:
+    app = app_of(devices=[{"name": "lidar", "type": "serial"}])
+    drivers = DriverNodes({"edge-1"}, {"edge-1": {}})
+    without_claim = first_run(app)
+    assert claiming_components(desired_of(app, ""), without_claim, drivers, placed=()) == frozenset()
+    ended = first_run(app, verdict="Complete")
+    assert claiming_components(desired_of(app, ""), ended, drivers, placed=()) == {"backup"}
 
 
 def test_an_instance_runs_on_with_a_schedule_and_ends_by_its_other_jobs_where_completion_is_written() -> None:
