@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from tests.live.operating.fields.test_jobs_live import domains_of, end_pod, jobs_of, wait_phase
+from tests.live.operating.fields.test_jobs_live import completed_at, domains_of, end_pod, jobs_of, wait_phase
 
 from campaigns.rigs.live import Tenant, eventually, part
 from robotapp_api.model.names import Annotation, Label
@@ -178,9 +178,7 @@ def test_an_app_is_deleted_after_its_end_with_an_event_and_nothing_of_it_is_left
     eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
     end_pod(unplaced, "save", "Succeeded")
     app = wait_phase(unplaced, "brief", "Completed")
-    conditions = jobs_of(unplaced)["save"]["status"]["conditions"]
-    times = [item["lastTransitionTime"] for item in conditions if item["type"] == "Complete"]
-    assert [app["status"]["completionTime"]] == times
+    assert app["status"]["completionTime"] == completed_at(jobs_of(unplaced)["save"])
     assert "it is deleted at" in unplaced.condition("brief", "Ready")["message"]
     operator.kill()
     operator.restart()
