@@ -62,13 +62,17 @@ class AppExpiry:
         wait_s = self._wait_s(current)
         if current is None or current.app is None or wait_s is None or wait_s > 0:
             return wait_s
-        if not await self._have_all_ended(current.app):
-            return None  # a job runs again; the next status of the app has it looked at anew
+        # The status may be that of an earlier run: a job that ran again may have ended since it was written.
+        wait_s = self._measure_wait(find_deletion_time(current.app, await self._find_end(current.app)))
+        if wait_s is None or wait_s > 0:
+            return wait_s  # None: a job runs again; the next status of the app has it looked at anew
         return await self._delete(current)
 
     def _wait_s(self, record: Record | None) -> Again:
-        expiry = find_expiry(record) if record is not None else None
-        return None if expiry is None else max(0.0, (expiry - self._now()).total_seconds())
+        return self._measure_wait(find_expiry(record) if record is not None else None)
+
+    def _measure_wait(self, moment: datetime | None) -> Again:
+        return None if moment is None else max(0.0, (moment - self._now()).total_seconds())
 
     async def _read(self, record: Record) -> Record | None:
         """Returns the app as it is now; None when it is gone or replaced by another."""
@@ -80,19 +84,21 @@ class AppExpiry:
             return None
         return self._cache.update_app(body) if body["metadata"]["uid"] == record.uid else None
 
-    async def _have_all_ended(self, app: App) -> bool:
-        """Reads the Jobs of the app, and returns whether all its instances have ended by them."""
+    async def _find_end(self, app: App) -> str:
+        """Reads the Jobs of the app, and returns when the last of its instances ended by them; "" while one has not."""
         selector = f"{Label.APP_UID}={app.uid}"
         listing = await self._client.list(JOBS, namespace=app.namespace, label_selector=selector, as_type=Job)
         jobs: defaultdict[str, list[Job]] = defaultdict(list)
         for job in listing.items:
             jobs[job.metadata.instance].append(job)
         instances, now = wanted_instances(app, self._cache), self._now()
-        return bool(instances) and all(
+        endings = [
             judge_progress(app_of_instance(app, instance, self._cache), jobs[instance.robot], now=now).ending
-            is not None
             for instance in instances
-        )
+        ]
+        if any(ending is None for ending in endings):
+            return ""
+        return max((ending.time for ending in endings if ending is not None), default="")
 
     async def _delete(self, record: Record) -> Again:
         """Deletes the app, unless it was changed or replaced since it was read, in the way of `kubectl delete`."""
