@@ -22,6 +22,7 @@ from robotapp_claims.rules.objects import (
 )
 
 LONGEST_DEADLINE: Final = timedelta(days=3650)
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MOST_DIGITS: Final = 9
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
 """So much earlier than by the clock of the operator a Job may end by that of the Job controller."""
@@ -271,4 +272,5 @@ def _measure_waits(jobs: Iterable[JobState]) -> timedelta:
 
 
 def _parse_time(text: str) -> datetime:
-    return datetime.fromisoformat(text or "1970-01-01T00:00:00Z")
+    """Returns a time in the status of a Job; the epoch for none, and for one with which nothing can be computed (the year 9999)."""
+    return read_moment(text) or _EPOCH
