@@ -11,7 +11,7 @@ from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledSe
 
 from robotapp_api.model.names import Annotation, EventReason, Label
 from robotapp_client.api.resources import JOBS, ROBOTAPPINSTANCES
-from robotapp_operator.plan.render.instance_object import wanted_object
+from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Job
 from robotapp_operator.queue.work import StartOver
 
@@ -114,6 +114,22 @@ async def test_of_two_operators_one_records_the_attempt(world: ReconciledServer)
     with pytest.raises(StartOver):
         await recorder.record(item, progress.attempt._replace(number=2))
     assert (await status(world))["restarts"]["attempt"] == 1
+
+
+async def test_the_number_is_read_from_the_caches_where_nothing_is_started_again_any_more(
+    world: ReconciledServer,
+) -> None:
+    uid = await start(world)
+    await world.children.reconcile(uid, "")
+    await mirror(world)
+    (item,) = (await world.client.list(ROBOTAPPINSTANCES, as_type=AppInstance)).items
+    world.cache.put_instance_object(item)
+    await world.edit("once", completion=None, components=[component("save", job={}, args=["again"])])
+    world.api.requests.clear()
+    await world.children.reconcile(uid, "")
+    assert not any("robotappinstances" in path for _, path in world.api.requests)
+    (job,) = await jobs(world)
+    assert job["metadata"]["annotations"][Annotation.ATTEMPT] == "1"
 
 
 async def test_an_app_without_restarts_costs_no_further_read(world: ReconciledServer) -> None:

@@ -62,6 +62,12 @@ def read_attempt(status: Mapping[str, Any]) -> Attempt | None:
     )
 
 
+def keep_number(status: Mapping[str, Any]) -> Attempt:
+    """Returns the attempt of an instance that has no job any more: its other pods carry the number on."""
+    record = read_attempt(status)
+    return FIRST_ATTEMPT if record is None else Attempt(record.number)
+
+
 def render_attempt(attempt: Attempt) -> dict[str, Any] | None:
     """Returns the record as plain JSON, None for an instance that was never started again."""
     if not attempt.number:

@@ -37,7 +37,14 @@ from robotapp_operator.reconcile.instances.instance_planner import InstancePlann
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
-from robotapp_operator.watch.lister import app_of_instance, instances_by_name, names_config, needs_domain, problems_now
+from robotapp_operator.watch.lister import (
+    app_of_instance,
+    instance_status,
+    instances_by_name,
+    names_config,
+    needs_domain,
+    problems_now,
+)
 
 log = logging.getLogger(__name__)
 
@@ -217,7 +224,7 @@ class InstanceReconciler:
         Where a job has failed and all are to run again, the next attempt is recorded before any Job is replaced.
         """
         if not app.max_restarts:
-            return self._planner.judge(app, robot, observed, {})
+            return self._planner.judge(app, robot, observed, instance_status(app, robot, self._cache))
         item = await self._attempts.read(app, robot)
         progress = self._planner.judge(app, robot, observed, item.status if item else {})
         if progress.next_attempt is None:
