@@ -19,10 +19,12 @@ from robotapp_client import ApiClient, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS, JOBS, NODES, ROBOTAPPS, SERVICES
 from robotapp_client.api.times import Now, utc_now
 from robotapp_client.transport.errors import means_gone
+from robotapp_operator.plan.diff.attempts import describe_missing_object
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, deployment_domain, ref_of, still_running
 from robotapp_operator.plan.diff.jobs import NO_JOBS, Progress, names_domain, protocol_view
 from robotapp_operator.plan.diff.master_restarts import describe_restart, is_restart, read_master_starts
 from robotapp_operator.plan.render.child import Child
+from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job, Node, Service, version_number
@@ -230,6 +232,8 @@ class InstanceReconciler:
         if progress.next_attempt is None:
             return progress
         if item is None:
+            text = describe_missing_object(progress.next_attempt, object_name(app.name, robot))
+            self._memory.of(app.uid).troubles[robot] = (Reason.FAILED_CREATE, text)
             return None
         item = await self._attempts.record(item, progress.next_attempt)
         self._announce_about(app, robot, EventReason.STARTED_AGAIN, progress.next_attempt.message, warning=True)
