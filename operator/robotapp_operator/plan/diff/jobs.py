@@ -101,6 +101,11 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime, statu
     if rules is None:
         return Progress(present, runs=runs, attempt=attempt)
     failure = find_failure(rules, states, now=now)
+    following = None
+    if (
+        failure is not None and not app.spec.suspend
+    ):  # a suspended app keeps its Jobs and their logs until it is resumed
+        following = plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts)
     deadline = find_deadline(rules, states, began=attempt.began)
     remaining = deadline - now if deadline is not None else rules.deadline
     return Progress(
@@ -110,7 +115,7 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime, statu
         limit_s=max(_AT_ONCE, math.ceil(remaining.total_seconds())) if remaining is not None else None,
         runs=runs,
         attempt=attempt,
-        next_attempt=plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts) if failure else None,
+        next_attempt=following,
     )
 
 

@@ -68,6 +68,16 @@ def test_a_failure_asks_for_the_next_attempt_and_nothing_is_replaced_before_it_i
     assert (result.deletes, jobs_in(result)) == ((), {})
 
 
+def test_a_suspended_app_is_not_started_again_until_it_is_resumed() -> None:
+    parts = component("calibrate", job={}), component("save", job={})
+    suspended = make_app(*parts, completion={"maxRestarts": 2}, suspend=True)
+    observed = job(suspended, "calibrate", verdict="Complete") | job(suspended, "save", verdict="Failed")
+    progress = progress_of(suspended, observed)
+    assert (progress.next_attempt, progress.ending) == (None, None)
+    assert not plan_of(suspended, observed, {}).deletes
+    assert progress_of(app_of(*parts), observed).next_attempt is not None
+
+
 def test_when_it_is_recorded_all_jobs_are_replaced_also_those_that_have_completed() -> None:
     app = app_of()
     observed = job(app, "calibrate", verdict="Complete") | job(app, "save", verdict="Failed")
