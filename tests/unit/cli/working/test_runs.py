@@ -167,6 +167,15 @@ def test_a_run_whose_second_attempt_runs_has_no_exit_code_yet(stage: Stage) -> N
     assert (run["jobs"][0]["exitCode"], run["jobs"][0]["pods"][0]["exitCode"]) == (None, 1)
 
 
+def test_what_somebody_writes_as_the_number_of_an_attempt_is_none(stage: Stage) -> None:
+    fill(stage)
+    strange = job("b", "Failed")
+    strange["metadata"]["annotations"]["robotics.io/attempt"] = "two"
+    stage.add(JOBS, strange)
+    runs = {run["run"]: run for run in json.loads(stage.text("runs", "teleop", "-o", "json"))}
+    assert runs["b"]["jobs"][-1]["attempt"] == 0
+
+
 def test_an_app_without_jobs_is_told_so(stage: Stage) -> None:
     stage.add(ROBOTAPPS, robotapp())
     result = stage.run("runs", "teleop")
