@@ -1,7 +1,7 @@
 """An app that has ended is deleted after `completion.ttl`: only that one, only then, and on what the API server says."""
 
 from collections.abc import AsyncIterator
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
@@ -133,6 +133,18 @@ async def test_after_a_job_has_run_again_the_time_counts_from_its_end_also_where
     world.now += timedelta(seconds=3570)
     assert await world.look() is None
     assert not await world.exists()
+
+
+async def test_an_app_that_has_just_ended_stays_where_the_clock_of_the_operator_is_ahead(world: Ended) -> None:
+    """The API server of this test has the clock of the machine."""
+    just = datetime.now(UTC)
+    await world.start(status={"completionTime": whole_seconds(just)})
+    await world.end_job("Complete", at=just)
+    world.now = just + timedelta(hours=2)
+    wait_s = await world.look()
+    assert wait_s is not None
+    assert 3000 < wait_s <= 3601
+    assert await world.exists()
 
 
 async def test_an_app_that_was_edited_since_the_cache_saw_it_is_not_deleted(world: Ended) -> None:
