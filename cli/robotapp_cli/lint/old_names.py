@@ -26,12 +26,12 @@ _RUNS_THAT_END: Final = "docs/how-to/runs-that-end.md"
 _JOB_SPEC: Final = {
     **dict.fromkeys(
         ("completions", "parallelism", "completionMode"),
-        f"remove it and write job: {{}} for a program that ends; runs with other values are spec.matrix (docs/how-to/sweeps.md), "
-        f"runs that are alike a Job of your own ({_RUNS_THAT_END})",
+        "remove it and write job: {} for a program that ends; runs with other values are spec.matrix (docs/how-to/sweeps.md), "
+        "runs that are alike a Job of your own (docs/how-to/jobs-with-a-domain.md)",
     ),
     **dict.fromkeys(
         ("ttl", "ttlSecondsAfterFinished"),
-        f"write completion: {{ttl: 1h}} in spec: it deletes the whole app so long after its end ({_RUNS_THAT_END})",
+        f"write completion: {{ttl: 1h}} in spec: it deletes the whole app one hour after its end ({_RUNS_THAT_END})",
     ),
     "maxRestarts": f"write completion: {{maxRestarts: 3}} in spec: all jobs run again when one has failed ({_RUNS_THAT_END})",
     **dict.fromkeys(
@@ -39,9 +39,9 @@ _JOB_SPEC: Final = {
         f'write schedule: {{cron: "0 2 * * *"}} beside job in the component ({_RUNS_THAT_END})',
     ),
 }
-"""Fields of Jobs and CronJobs that no app has → what to do in place of them."""
+"""Fields of Jobs and CronJobs that an app has at another place, or not at all → what to write."""
 _CRON_JOB: Final = {
-    "concurrencyPolicy": "remove it: a run that still goes when the next one is due has that one skipped",
+    "concurrencyPolicy": "remove it: due times while a run goes on are skipped",
     **dict.fromkeys(
         ("successfulJobsHistoryLimit", "failedJobsHistoryLimit"),
         "remove it: the Job of the last run stays until the next one begins",

@@ -41,9 +41,9 @@ async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
 
 
 async def restart_components(session: Session, selection: Selection) -> None:
-    """Replaces the pods of the selected components, as `kubectl rollout restart` does, has jobs run once more, and prints which.
+    """Replaces the pods of the selected components like `kubectl rollout restart`, runs jobs once more, and prints which.
 
-    Where components run on beside them, jobs run again only if one is named: what has ended stays as it is when its app restarts.
+    If other components are selected, too, jobs are left alone: to run one of them again it must be named.
     """
     app = await fetch_app(session, selection)
     labels = write_label_selector(app, selection)
@@ -90,10 +90,10 @@ async def _list_selected_runs(session: Session, app: Json, selection: Selection)
 
 
 def list_repeated(app: Json, run: Run, selection: Selection) -> list[JobRun]:
-    """Returns the Jobs of a run that must go so that the selected ones run once more, without those of schedules, which come back by themselves.
+    """Returns the Jobs of a run that are to be deleted so that the selected ones run once more, without runs of schedules.
 
-    A run that has ended has to begin again for that: without its failed jobs, or without any where `completion` decides by some of
-    them, or by the time since the first one.
+    A run that has ended would stay so by its other jobs. Therefore the failed ones are deleted, too, and with
+    `completion` all of them, because some of them decide, or the time since the first one.
     """
     jobs = [job for job in run.jobs if not job.due]
     selected = [job for job in jobs if is_selected(job.obj, app, selection)]

@@ -1,4 +1,4 @@
-"""Wall-clock times as the API writes them. Never compared across machines: leases and ages use our own clock."""
+"""Wall-clock times as the API writes them. Leases and ages use our own clock and never compare these across machines."""
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime

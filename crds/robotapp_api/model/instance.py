@@ -179,7 +179,8 @@ class InstanceStatus(Observed):
     completion_time: Timestamp | None = None
     """When its jobs had completed or failed."""
     restarts: Restarts | None = None
-    """How often it was started again; absent before that. Written before the Jobs are replaced, and decided from while none is there."""
+    """How often it was started again; absent before that. Written before the Jobs are replaced, because for a moment
+    there may be none."""
     moves: Annotated[tuple[Move, ...], ListMap("component"), Field(max_length=64)] = ()
     """Components that were moved to another node (placement.reschedule, devices[].onLoss): a copy of what their Deployments say."""
 

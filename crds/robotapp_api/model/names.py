@@ -116,9 +116,10 @@ class Annotation(StrEnum):
     RUN_HASH = "robotics.io/run-hash"
     """On Jobs: hash of what the user wrote about the component's run; another one runs the job again."""
     DUE_AT = "robotics.io/due-at"
-    """On Jobs of components with schedule: for which due time it was made."""
+    """On Jobs of components with schedule: due time of the run."""
     SETTLED_AT = "robotics.io/settled-at"
-    """On Jobs of components with schedule: due times until this time are not made up for. It alone marks since when the schedule counts."""
+    """On Jobs of components with schedule: due times until this time get no run. Without due-at the Job never runs:
+    the schedule counts since then."""
     ATTEMPT = "robotics.io/attempt"
     """On Jobs, and on pods, of an instance that was started again because a job had failed: number of the attempt, the first being 0."""
     RESTARTS = "robotics.io/restarts"

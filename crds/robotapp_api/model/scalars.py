@@ -54,8 +54,8 @@ CronLine = Annotated[
     WithJsonSchema({"type": "string", "maxLength": 100}),
     Rule(
         rule=f"self.matches('{CRON_PATTERN}')",
-        message="write minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, @monthly or @yearly; "
-        "@every is none",
+        message="write minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, @monthly or @yearly, "
+        "not @every",
     ),
 ]
 TimeZone = Annotated[

@@ -37,7 +37,7 @@ SHAPES: Final = ("sweep", "components")
 
 @dataclass(slots=True)
 class Outcome:
-    """What was seen of one app. `writes`: successful ones of its Jobs' spec, by who made them."""
+    """The facts seen of one app. `writes`: successful ones of its Jobs' spec, by who made them."""
 
     shape: str
     is_drained: bool

@@ -1,4 +1,4 @@
-"""Which runs a comparison of the reference applications is made of, and in which order a turn makes them. Pure but for the clock."""
+"""The runs of a comparison of the reference applications, and the order in which a turn makes them. Pure but for the clock."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -1,6 +1,7 @@
-"""kueue's controller manager and the manifests of its release, for the bench that has Jobs of an app admitted by it.
+"""Builds kueue's controller manager and finds its release's manifests, for the bench in which it admits Jobs.
 
-Compiled from e2e/kueue/go.mod when the bench asks for it, kept in the cache. The manifests are files of the same module.
+It is compiled from e2e/kueue/go.mod when the bench runs first, and kept in the cache. The manifests are files of the
+same module.
 """
 
 import json
@@ -22,7 +23,7 @@ BINARY: Final = pins.Binary(name="kueue", package=f"{_MODULE}/cmd/kueue", compil
 
 
 def build(*, progress: Progress | None = None, env: Mapping[str, str] = os.environ) -> Path:
-    """Returns the path of the compiled manager, which is compiled first where the cache does not have it."""
+    """Compiles the manager unless the cache has it; returns its path."""
     home = cache.cache_home(env)
     store = cache.built_store(home=home, module_dir=MODULE_DIR, ldflags=LDFLAGS)
     if present := store.get(BINARY.name):
@@ -41,7 +42,9 @@ def build(*, progress: Progress | None = None, env: Mapping[str, str] = os.envir
 
 
 def find_manifests(env: Mapping[str, str] = os.environ) -> Path:
-    """Returns the folder of the module that `kubectl kustomize` makes the release's manifests of; the build has downloaded it."""
+    """Returns the folder of the module from which `kubectl kustomize` makes the release's manifests; the build has
+    downloaded it.
+    """
     go = toolchain.find(env, home=cache.cache_home(env))
     if go is None:
         raise TestbedError("there is no Go to find kueue's manifests with: build the manager first")

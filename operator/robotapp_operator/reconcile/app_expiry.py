@@ -1,4 +1,6 @@
-"""Deletes apps some time after their end (spec.completion.ttl). Before that the app and its Jobs are read from the API server again."""
+"""Deletes apps some time after their end (spec.completion.ttl). Before that the app and its Jobs are read from the
+API server again.
+"""
 
 import logging
 from collections import defaultdict
@@ -31,7 +33,7 @@ _ENDED: Final = frozenset({Phase.COMPLETED.value, Phase.FAILED.value})
 
 
 def find_expiry(record: Record | None) -> datetime | None:
-    """Returns the time at which the app is to be deleted by its status; None while it has not ended, and without `completion.ttl`.
+    """Returns the time to delete the app, by its status; None while it has not ended, and without `completion.ttl`.
 
     A status that was written for another spec does not count.
     """
@@ -50,7 +52,7 @@ def _measure_wait(moment: datetime | None, now: datetime) -> Again:
 
 
 class AppExpiry:
-    """Deletes one app at a time. now: the wall clock, because the time of the end comes from objects of the API server.
+    """Deletes one app at a time. now: the wall clock, because the time of the end comes from the API server.
 
     The API server's clock decides as well, because an operator whose clock is ahead would delete apps that have just ended.
     """

@@ -252,7 +252,8 @@ async def _patch_tested(
 async def _delete(client: ApiClient, item: Observed, *, is_awaited: bool = False) -> None:
     """Deletes by uid: an object of this name with another uid is not the one that was planned for.
 
-    A Job goes after its last pod, so that its successor's pod never runs beside it, and so does an object whose last pod is awaited.
+    A Job goes after its last pod, so that its successor's pod never runs beside it, and so does an object whose last
+    pod is awaited.
     """
     meta = item.metadata
     ref = ref_of(item)

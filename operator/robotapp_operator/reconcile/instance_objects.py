@@ -1,7 +1,7 @@
 """Writes RobotAppInstances: one object per instance of an app, created, brought up to date, and deleted with it.
 
-A wrong RobotAppInstance is deleted by its uid and created again, and so is a missing one: no decision reads it but how its next
-Jobs are numbered, which the record in its status keeps while none is there (`plan.diff.attempts`).
+A missing RobotAppInstance is created again, and a wrong one is deleted by its uid first. One decision alone reads it:
+its `status.restarts` numbers the next Jobs while none is there (`plan.diff.attempts`).
 """
 
 import logging

@@ -427,7 +427,7 @@ def _proposal(pod: Pod) -> str | None:
 
 
 def _chooses(app: App, *, same: bool) -> bool:
-    """Returns whether a node's event can change which robots the app gets. same: only the node's readiness has changed."""
+    """Returns whether a node's event can change the robots of the app. same: only the node's readiness has changed."""
     robots = app.spec.robots
     return robots is not None and (not same or robots.assignment == ANY)
 

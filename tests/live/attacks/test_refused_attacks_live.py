@@ -95,7 +95,9 @@ _HAS_ENDED = {"phase": "Completed", "completionTime": "2026-01-01T00:00:00Z", "o
 def test_the_operators_token_deletes_no_app_that_does_not_ask_for_it_or_has_not_ended(
     attackers: Attackers, name: str, completion: dict[str, Any], status: dict[str, Any]
 ) -> None:
-    """By its status, which the operator writes: an app with ttl can be ended early by who holds the token, and no other."""
+    """The status decides, which the operator writes: whoever holds its token can end an app with ttl early, and no
+    other app.
+    """
     path = _store_app(attackers, name, completion, status)
     with pytest.raises(ApiStatusError, match=r"so the robotapp operator may not delete it; delete it yourself"):
         attackers.apis["operator"].delete(path)
@@ -112,7 +114,7 @@ def test_the_operators_token_deletes_an_app_that_has_ended_and_asks_for_it(attac
 
 
 def _store_app(attackers: Attackers, name: str, completion: dict[str, Any], status: dict[str, Any]) -> str:
-    """The path of an app with this status."""
+    """Stores an app with this status; returns its path."""
     collection = ROBOTAPP.path(attackers.namespaces["own"])
     body = {"apiVersion": ROBOTAPP.version, "kind": ROBOTAPP.kind, "metadata": {"name": name}}
     attackers.admin.create(collection, body | {"spec": _ENDS | {"completion": completion}})

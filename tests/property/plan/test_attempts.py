@@ -37,7 +37,7 @@ class Instance:
         return judge_progress(self.app, self.jobs.values(), now=NOW, status=self.status)
 
     def operate(self, writes: int) -> bool:
-        """Goes on for so many writes; whether any was made."""
+        """Lets the operator make so many writes at most; returns whether it made any."""
         writes_made = 0
         following = self.judge().next_attempt
         if following is not None:
@@ -89,20 +89,20 @@ class Instance:
             )
 
     def collect(self, name: str) -> None:
-        """The last pod of a Job that is being deleted has ended."""
+        """Removes a Job that is being deleted, as when its last pod has ended."""
         job = self.find(name)
         if job is not None and job.is_deleting:
             del self.jobs[ChildRef(JOB, job.metadata.name)]
 
     def publish(self) -> None:
-        """The status of the RobotAppInstance is brought up to date."""
+        """Brings the status of the RobotAppInstance up to date."""
         progress = self.judge()
         record = render_attempt(progress.attempt)
         ended = {COMPLETION_TIME_FIELD: progress.ending.time} if progress.ending else {}
         self.status = ({RESTARTS_FIELD: record} if record else {}) | ended
 
-    def look(self) -> None:
-        """The sweep looks: it sees Jobs of all attempts, also those that are being deleted."""
+    def sweep(self) -> None:
+        """Judges as the sweep does, by Jobs of all attempts, also those that are being deleted."""
         rules = self.app.completion_rules
         assert rules is not None
         states = {job.metadata.labels[Label.COMPONENT]: job.state for job in self.jobs.values()}
@@ -140,7 +140,7 @@ def test_wherever_the_operator_dies_the_count_holds_and_an_end_is_final(
                 instance.status = {}
         else:
             getattr(instance, what)(*arguments)
-        instance.look()
+        instance.sweep()
         assert len(instance.attempts) <= rules.max_restarts + 1
     for _ in range(12 * (rules.max_restarts + 1)):
         instance.operate(9)
@@ -150,6 +150,6 @@ def test_wherever_the_operator_dies_the_count_holds_and_an_end_is_final(
         instance.end("a", "Failed")
         instance.end("b", "Failed")
         instance.publish()
-        instance.look()
+        instance.sweep()
     assert instance.ended or instance.find("b") is None  # with Any, b waits for ever for a, which has failed
     assert not instance.operate(9)

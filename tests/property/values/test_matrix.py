@@ -43,7 +43,9 @@ def test_names_stay_when_parameters_and_values_are_written_in_another_order(
     shuffled = list(parameters.items())
     random.shuffle(shuffled)  # type: ignore[attr-defined]
     other = {name: list(reversed(values)) for name, values in shuffled}
-    assert {one.name for one in expand_matrix(matrix(parameters))} == {one.name for one in expand_matrix(matrix(other))}
+    assert {instance.name for instance in expand_matrix(matrix(parameters))} == {
+        instance.name for instance in expand_matrix(matrix(other))
+    }
 
 
 @given(PARAMETERS, st.text(min_size=13, max_size=14))
@@ -51,8 +53,8 @@ def test_instances_keep_their_names_when_a_value_is_added(parameters: dict[str, 
     first = next(iter(parameters))
     more = {**parameters, first: [*parameters[first], value]}
     if count_instances(matrix(more)) <= MOST_INSTANCES:
-        assert {one.name for one in expand_matrix(matrix(parameters))} < {
-            one.name for one in expand_matrix(matrix(more))
+        assert {instance.name for instance in expand_matrix(matrix(parameters))} < {
+            instance.name for instance in expand_matrix(matrix(more))
         }
 
 

@@ -61,11 +61,9 @@ def full_app() -> dict[str, Any]:
                 dependsOn=[{"component": "driver", "status": "Ready"}, {"component": "saver", "status": "Complete"}],
             ),
             component("saver", job={"backoffLimit": 2, "activeDeadlineSeconds": 600}),
-            component(
-                "backup", job={}, schedule={"cron": "0 2 * * *", "timeZone": "Europe/Athens", "startingDeadlineSeconds": 600}
-            ),
+            component("backup", job={}, schedule={"cron": "0 2 * * *", "timeZone": "Europe/Athens", "startingDeadlineSeconds": 600}),
         ],
-        completion={"success": {"operator": "All", "components": ["saver"]}, "deadline": "1h"},
+        completion={"success": {"operator": "All", "components": ["saver"]}, "deadline": "1h", "maxRestarts": 2, "ttl": "1h"},
         edges=[
             edge(
                 "driver", "mapper", kind="Topic", type="nav_msgs/msg/Odometry", rateHz=20, messageBytes=48, qos=_QOS, requestedQos=_QOS,

@@ -45,7 +45,7 @@ async def jobs(world: ReconciledServer) -> list[dict[str, Any]]:
 
 
 async def fail(world: ReconciledServer) -> None:
-    """Has the Job fail, and the cache show it."""
+    """Lets the Job fail, and brings the cache up to date."""
     (job,) = await jobs(world)
     condition = {"type": "Failed", "status": "True", "reason": "BackoffLimitExceeded", "lastTransitionTime": AT}
     patch = {"status": {"conditions": [condition]}}
@@ -65,8 +65,8 @@ async def mirror(world: ReconciledServer) -> None:
 
 async def status(world: ReconciledServer) -> dict[str, Any]:
     (item,) = (await world.client.list(ROBOTAPPINSTANCES)).items
-    found: dict[str, Any] = item.get("status", {})
-    return found
+    status: dict[str, Any] = item.get("status", {})
+    return status
 
 
 async def test_the_attempt_is_recorded_before_the_job_is_deleted(world: ReconciledServer) -> None:

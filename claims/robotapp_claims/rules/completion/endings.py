@@ -1,7 +1,7 @@
-"""Decides by the Jobs of an instance whether it has ended, so that it needs no pods and no domain, or is to be started again.
+"""Decides by the Jobs of an instance whether it has ended, and needs no pods and no domain, or is to start again.
 
-The operator applies these rules to its caches, and the sweep of claims to what it reads afresh. Therefore they look at the Jobs
-alone: an instance whose domain one of the two gives back must not be started again by the other.
+The operator applies these rules to its caches, and the sweep of claims to what it reads afresh. Therefore they look at
+the Jobs alone: an instance whose domain one of the two gives back must not be started again by the other.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,7 +25,7 @@ LONGEST_DEADLINE: Final = timedelta(days=3650)
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MOST_DIGITS: Final = 9
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
-"""So much earlier than by the clock of the operator a Job may end by that of the Job controller."""
+"""By the clock of the Job controller a Job may end this much earlier than by that of the operator."""
 
 
 class CompletionRules(NamedTuple):
@@ -82,7 +82,7 @@ class Ending(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """A failed job because of which the instance is to be started again, and the reason that the Job controller wrote."""
+    """A failed job because of which the instance is to start again, and the reason that the Job controller wrote."""
 
     component: str
     reason: str = ""
@@ -213,7 +213,9 @@ def select_latest(jobs: Mapping[str, JobState]) -> dict[str, JobState]:
 
 
 def count_restarts(jobs: Mapping[str, JobState]) -> int:
-    """Returns how many of the allowed restarts are used: the smallest count of a job, because an edited one begins at 0 for all."""
+    """Returns how many of the allowed restarts are used: the smallest count of a job, because an edited one begins
+    at 0 for all.
+    """
     return min((job.restarts for job in select_latest(jobs).values()), default=0)
 
 
@@ -222,15 +224,18 @@ def _end_by_deadline(end: datetime) -> Ending:
 
 
 def _ran_out_of_time(job: JobState, end: datetime) -> bool:
-    """Returns whether the job was ended because the instance's time was over: by the limit in the Job itself, or by the operator."""
+    """Returns whether the job was ended because the instance's time was over: by the limit in the Job itself, or by
+    the operator.
+    """
     return job.reason == OUT_OF_TIME and _parse_time(job.ended) + _CLOCK_DIFFERENCE >= end
 
 
 def find_deadline(rules: CompletionRules, jobs: Mapping[str, JobState], *, began: str = "") -> datetime | None:
-    """Returns when the instance's time is over; None without a deadline or a job, and while a job is suspended or waits in a queue.
+    """Returns when the instance's time is over; None without a deadline or a job, and while a job is suspended or waits
+    in a queue.
 
-    An edit of the app begins it anew with the next job that is made: the jobs before may have taken longer than the deadline.
-    began: since when it counts while all jobs are about to run again and none is there.
+    An edit of the app begins it anew with the next job that is made: the jobs before may have taken longer than the
+    deadline. began: since when it counts while all jobs are about to run again and none is there.
     """
     if rules.deadline is None:
         return None
@@ -245,7 +250,9 @@ def find_deadline(rules: CompletionRules, jobs: Mapping[str, JobState], *, began
 
 
 def find_beginning(jobs: Mapping[str, JobState]) -> str:
-    """Returns since when the deadline counts for the next attempt: since the first job, without the time in which jobs waited."""
+    """Returns since when the deadline counts for the next attempt: since the first job, without the time in which
+    jobs waited.
+    """
     newest = _list_newest(jobs)
     return whole_seconds(_compute_beginning(newest)) if newest else ""
 

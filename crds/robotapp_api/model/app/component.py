@@ -104,7 +104,7 @@ class Schedule(Model):
     """Minute, hour, day of the month, month and day of the week, for example 0 2 * * * for every night at two; or @hourly, @daily,
     @weekly, @monthly, @yearly."""
     time_zone: TimeZone = "UTC"
-    """Whose clock the line is about, such as Europe/Athens."""
+    """Time zone of the line: a name of the IANA database, such as Europe/Athens."""
     starting_deadline_seconds: Annotated[int, Field(ge=10, le=86_400)] = 600
     """How late a run may begin, in seconds, for example after an outage of the operator. Of several that were missed only the last one is
     made up for."""
@@ -219,8 +219,8 @@ class Component(Model):
     """For a program that ends, such as a map saver or a calibration: it runs until it has ended with exit code 0. {} is enough.
     Absent means a program that runs on, which is started again when it ends. A change of the component runs the job again."""
     schedule: Schedule | None = None
-    """When the job runs, again and again; a run that still goes when the next one is due has that one skipped. Such a component runs on,
-    so it is no part of completion, and nothing can wait for it. Absent means a job that runs once."""
+    """Runs the job again and again by the clock. Due times while a run goes on are skipped. Such a component runs
+    on, so it is no part of completion, and dependsOn cannot wait for it. Absent means a job that runs once."""
     ros: Literal["None"] | None = None
     """None for a component without ROS, such as a database or a web server: no domain, no discovery and no ROS variables, everything
     else as for others. Absent means the app's ROS."""

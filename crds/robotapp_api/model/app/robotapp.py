@@ -73,10 +73,11 @@ class Completion(Model):
     """Which jobs must complete."""
     deadline: Duration | None = None
     """How long the jobs may take together, from the first one's creation; then the instance has failed. Time in which they are suspended or
-    wait in a queue does not count, and further attempts take no more time. Absent means no limit."""
+    wait in a queue does not count. With maxRestarts it is one limit for all attempts. Absent means no limit."""
     max_restarts: Annotated[int, Field(ge=0, le=10)] = 0
-    """How many times an instance is started again when a job that counts has failed: all its jobs run again, also those that have
-    completed, and its other components start anew. An edit of a job begins to count anew, and so does kubectl robotapp runs --failed."""
+    """How many times an instance is started again when a job that counts has failed: all its jobs run again, also
+    those that have completed, and its other components start anew. The count begins anew with an edit of a job, and
+    with kubectl robotapp runs --failed."""
     ttl: Duration | None = None
     """How long after the end of all instances the app is deleted, with its Jobs and their logs, whether they have completed or failed.
     Absent means never."""

@@ -32,15 +32,17 @@ _ZONES_OF_MACHINES: Final = frozenset({"local", "localtime", "posixrules", "fact
 
 @dataclass(frozen=True, slots=True)
 class DueTimes:
-    """The times at which a schedule is due. line: five fields. zone: whose clock they are about."""
+    """The times at which a schedule is due."""
 
     line: str
+    """Five fields, as in a crontab."""
     zone: ZoneInfo
+    """Time zone of the line."""
 
     def find_next(self, after: datetime) -> datetime | None:
         """Returns the first due time after this one, in UTC; None where none follows."""
         for due in CronSim(self.line, after.astimezone(self.zone)):
-            # After the first of two equal times of day the line of the second one begins anew.
+            # In the second of two equal hours (the clock was set back) CronSim yields due times of the first one.
             if (time := due.astimezone(UTC)) > after:
                 return time
         return None
@@ -66,7 +68,7 @@ def parse_due_times(cron: str, time_zone: str) -> DueTimes:
 
 def _parse_line(cron: str) -> str:
     if cron.startswith("@every"):
-        raise ValueError(f"{cron!r} counts from no time of day; write for example */15 * * * * or @hourly")
+        raise ValueError(f"{cron!r} has no time of day; write for example */15 * * * * or @hourly")
     if cron.startswith("@") and cron not in MACROS:
         raise ValueError(f"{cron!r} is none of {', '.join(MACROS)}; {_FIELDS_TEXT}")
     if cron.startswith(("TZ=", "CRON_TZ=")):
@@ -91,7 +93,7 @@ def parse_time_zone(name: str) -> ZoneInfo:
     """Returns the zone of this name. Raises ValueError for one that does not exist or is not the same on every machine."""
     cure = "write a name of the IANA database, for example Europe/Athens or UTC"
     if name.lower() in _ZONES_OF_MACHINES:
-        raise ValueError(f"time zone {name!r} is another one on each machine; {cure}")
+        raise ValueError(f"time zone {name!r} is different on each machine; {cure}")
     try:
         return ZoneInfo(name)
     except (KeyError, ValueError, OSError) as error:

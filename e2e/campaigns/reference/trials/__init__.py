@@ -1,1 +1,1 @@
-"""What each reference application does on real nodes, and whether it keeps what its README promises through a fault."""
+"""Trials of the reference applications on real nodes: their work, and whether they keep what their READMEs promise through a fault."""

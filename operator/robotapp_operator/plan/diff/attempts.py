@@ -1,9 +1,10 @@
 """Numbers the attempts of an instance (completion.maxRestarts) by its Jobs, and by a record in its RobotAppInstance.
 
-A Job that has failed is deleted before its successor of the same name can be made, so for a moment there may be no Job. Therefore
-the next attempt is written into the status of the RobotAppInstance first; then the Jobs of earlier attempts are replaced. The Jobs
-alone decide whether the instance ends or is started again (`robotapp_claims.rules.completion.endings`). The record only numbers new
-ones: if it is lost, no domain is given back too early, and the count begins anew only where no Job is left either.
+A Job that has failed is deleted before its successor of the same name can be made, so for a moment there may be no Job.
+Therefore the next attempt is written into the status of the RobotAppInstance first; then the Jobs of earlier attempts
+are replaced. The Jobs alone decide whether the instance ends or is started again
+(`robotapp_claims.rules.completion.endings`). The record only numbers new ones: if it is lost, no domain is given back
+too early, and the count begins anew only where no Job is left either.
 """
 
 from collections.abc import Mapping
@@ -92,10 +93,10 @@ def describe_missing_object(attempt: Attempt, name: str) -> str:
 def find_attempt(
     jobs: Mapping[str, JobState], status: Mapping[str, Any], *, run_hash: str, ending: Ending | None
 ) -> Attempt:
-    """Returns the present attempt. jobs: by component, without those that were edited. status: that of the RobotAppInstance.
+    """Returns the present attempt. jobs: by component, without edited ones. status: that of the RobotAppInstance.
 
-    The count begins anew when a job was edited, and when an instance that had ended has not ended any more: then somebody has
-    deleted a Job to have it run again, or has written other limits.
+    The count begins anew when a job was edited, and when an instance that had ended has not ended any more: then
+    somebody has deleted a Job to have it run again, or has written other limits.
     """
     record, by_jobs = read_attempt(status), _find_attempt_of_jobs(jobs, run_hash=run_hash)
     if record is None or record.number < by_jobs.number or (ending is not None and record.number > by_jobs.number):

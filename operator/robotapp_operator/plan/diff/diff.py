@@ -48,7 +48,7 @@ class Change:
     child: Child
     over: Observed | None
     amended: dict[str, Any] | None = None
-    """The whole spec to write; in everything else `over` stays as it is, for example as a newer operator rendered it."""
+    """The whole spec to write; in all else `over` stays as it is, such as a newer operator rendered it."""
     records: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Annotations that are written alone."""
 
@@ -83,10 +83,10 @@ def wanted_children(
 ) -> list[Child]:
     """Returns everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
-    master_starts: by component, those of the ROS 1 master for which it was restarted. claiming: components with a ResourceClaim.
-    progress: the state of the instance by its Jobs. When it has ended, its Jobs are all that is left.
-    A component that waits for others is not created; where it exists, it gets no pods. A ROS 2 instance without a domain has
-    nothing: pods without one would all meet on domain 0.
+    master_starts: by component, those of the ROS 1 master for which it was restarted. claiming: components with a
+    ResourceClaim. progress: the state of the instance by its Jobs. When it has ended, its Jobs are all that is left. A
+    component that waits for others is not created; where it exists, it gets no pods. A ROS 2 instance without a domain
+    has nothing: pods without one would all meet on domain 0.
     """
     render_jobs = functools.partial(
         component_jobs,
@@ -213,8 +213,8 @@ def _change_job(app: App, child: Child, job: Job, progress: Progress) -> Change 
 
 
 def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tuple[list[Change], list[Change]]:
-    """Returns two parts of the changes that wait for approval: infrastructure which a component that is written looks for at another
-    address, and the rest.
+    """Returns two parts of the changes that wait for approval: infrastructure which a component that is written
+    looks for at another address, and the rest.
     """
     moved: list[Change] = []
     still: list[Change] = []
@@ -318,7 +318,7 @@ def _host_name(item: Observed | Child | None) -> tuple[object, object]:
 
 
 def _prunable(app: App, item: Observed) -> bool:
-    """Returns whether the app controls the object and the operator made it: the owner decides, the label is a second check."""
+    """Returns whether the app controls the object and the operator made it: the owner decides, the label confirms it."""
     meta = item.metadata
     return (
         meta.controller_uid == app.uid and meta.labels.get(Label.APP_UID) == app.uid and meta.deletion_timestamp is None

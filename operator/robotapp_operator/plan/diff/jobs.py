@@ -1,8 +1,8 @@
-"""Jobs of an instance: which of them run the present spec, how far the instance is by them, and which are changed or replaced.
+"""Jobs of an instance: which run the present spec, how far the instance is, and which are changed or replaced.
 
-The template of a Job cannot be changed, so a run with another one is another Job. One that has ended is run again only after an edit
-of its component: another version of the operator, another domain or another ConfigMap is no reason. A component with schedule
-has a Job for each run (`schedules`); its edits reach the next run.
+The template of a Job cannot be changed, so a run with another one is another Job. One that has ended is run again only
+after an edit of its component: another version of the operator, another domain or another ConfigMap is no reason. A
+component with schedule has a Job for each run (`schedules`); its edits reach the next run.
 """
 
 import dataclasses
@@ -83,7 +83,7 @@ def current_jobs(app: App, observed: Iterable[object]) -> dict[str, Job]:
 
 
 def judge_progress(app: App, observed: Iterable[object], *, now: datetime, status: Mapping[str, Any] = {}) -> Progress:
-    """Returns the state of an instance by its Jobs. status: that of its RobotAppInstance, which has the record of its attempts.
+    """Returns the state of an instance by its Jobs. status: that of its RobotAppInstance, with the record of attempts.
 
     The number of the attempt stays where nothing is started again any more: without it all pods would start anew.
     """
@@ -101,10 +101,8 @@ def judge_progress(app: App, observed: Iterable[object], *, now: datetime, statu
     if rules is None:
         return Progress(present, runs=runs, attempt=attempt)
     failure = find_failure(rules, states, now=now)
-    following = None
-    if (
-        failure is not None and not app.spec.suspend
-    ):  # a suspended app keeps its Jobs and their logs until it is resumed
+    following = None  # a suspended app keeps its Jobs and their logs until it is resumed
+    if failure is not None and not app.spec.suspend:
         following = plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts)
     deadline = find_deadline(rules, states, began=attempt.began)
     remaining = deadline - now if deadline is not None else rules.deadline
@@ -158,8 +156,8 @@ def end_at_once(job: Job) -> dict[str, Any]:
 
 
 def must_delete(app: App, child: Child, job: Job, progress: Progress) -> bool:
-    """Returns whether the job is to be deleted: it waits and could only end by running, although its instance has ended; or it must
-    not run, and kueue would resume it, because it still has the label that the app has lost.
+    """Returns whether the job is to be deleted: it waits and could only end by running, although its instance has
+    ended; or it must not run, and kueue would resume it, because it still has the label that the app has lost.
     """
     if job.verdict is not None:
         return False
@@ -168,16 +166,17 @@ def must_delete(app: App, child: Child, job: Job, progress: Progress) -> bool:
 
 
 def is_queued(app: App, job: Job) -> bool:
-    """Returns whether kueue decides when the job runs. Then the operator must not write `suspend`: it would undo kueue's decision."""
+    """Returns whether kueue decides when the job runs. If the operator wrote `suspend`, it would undo that decision."""
     return bool(app.queue) or QUEUE_NAME in job.metadata.labels
 
 
 def must_replace(app: App, child: Child, job: Job, *, version: str) -> bool:
     """Returns whether another Job has to take the place of this one.
 
-    A later attempt of the instance replaces it in any case. Otherwise a Job that a newer operator made for this generation of the app
-    stays. An edit of the component replaces its Job, whether it has ended or not, but no run of a schedule. A Job that has not ended is
-    replaced as well if its pods would never be bound: it names another domain than its instance has, or another scheduler or gate.
+    A later attempt of the instance replaces it in any case. Otherwise a Job that a newer operator made for this
+    generation of the app stays. An edit of the component replaces its Job, whether it has ended or not, but no run of a
+    schedule. A Job that has not ended is replaced as well if its pods would never be bound: it names another domain
+    than its instance has, or another scheduler or gate.
     """
     annotations = job.metadata.annotations
     if job.state.attempt < read_number(child.annotations, Annotation.ATTEMPT):
@@ -231,7 +230,7 @@ def list_run_records(app: App, child: Child, job: Job, progress: Progress) -> di
 
 
 def is_newest_of_schedule(item: object, progress: Progress) -> bool:
-    """Returns whether the object is the newest Job of a component with schedule, which stays until its successor is there."""
+    """Returns whether this is the newest Job of a component with schedule, which stays until its successor is there."""
     return any(run.job is item for run in progress.runs.values())
 
 

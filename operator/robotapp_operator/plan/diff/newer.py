@@ -81,7 +81,7 @@ def amend(app: App, child: Child, over: Deployment | Service) -> Amendment:
 
 
 def _set_replicas(spec: dict[str, Any], child: Child) -> None:
-    """Sets the replicas; of infrastructure only to none or some, because a newer operator may want another number of servers."""
+    """Sets the replicas; of infrastructure only none or some: a newer operator may want another number of servers."""
     have, wanted = spec.get("replicas", 1), child.spec["replicas"]
     if have == wanted or (child.component == "" and have and wanted):
         return
@@ -104,7 +104,9 @@ def _set_image(spec: dict[str, Any], child: Child) -> None:
 
 
 def _set_domain(spec: dict[str, Any], child: Child) -> None:
-    """Sets the domain id: a template with an id that its instance does not hold would start no pod, or keep pods on another's id."""
+    """Sets the domain id: a template with an id that its instance does not hold would start no pod, or keep pods on
+    another's id.
+    """
     wanted = {variable["value"] for variable in _domain_variables(child.spec)}
     stale = [variable for variable in _domain_variables(spec) if variable["value"] not in wanted]
     if len(wanted) != 1 or not stale:
@@ -127,7 +129,9 @@ def restarted_spec(child: Child, over: Deployment | Service) -> dict[str, Any] |
 
 
 def _set_restarts(spec: dict[str, Any], child: Child) -> None:
-    """Sets the annotations that restart pods, whoever wrote the template: another start of the ROS 1 master, and another attempt."""
+    """Sets the annotations that restart pods, whoever wrote the template: another start of the ROS 1 master, and
+    another attempt.
+    """
     for key in (Annotation.MASTER_STARTS, Annotation.ATTEMPT):
         wanted = pod_annotations(child.spec).get(key)
         if wanted and wanted != pod_annotations(spec).get(key) and pod_spec(spec):
@@ -135,13 +139,15 @@ def _set_restarts(spec: dict[str, Any], child: Child) -> None:
 
 
 def binding_rules(spec: Mapping[str, Any]) -> tuple[str, bool]:
-    """Returns who binds the pods of a Deployment, and whether our gate keeps them until their claim and their nodes are checked."""
+    """Returns who binds the pods of a Deployment, and whether our gate keeps them until their claim and their nodes
+    are checked.
+    """
     pod = pod_spec(spec)
     return pod.get("schedulerName") or "", any(gate.get("name") == SCHEDULING_GATE for gate in _gates(pod))
 
 
 def _set_binding_rules(spec: dict[str, Any], child: Child) -> None:
-    """Sets who binds the pods, and our gate: a tenant who may edit the Deployment can annotate it with a newer version."""
+    """Sets who binds the pods, and our gate: a tenant who edits a Deployment can annotate it with a newer version."""
     if binding_rules(spec) == binding_rules(child.spec) or not pod_spec(spec):
         return
     pod, wanted = spec["template"]["spec"], pod_spec(child.spec)

@@ -1,8 +1,8 @@
-"""Decides which run of a component with schedule is due, by the annotations of the component's newest Job and by the clock.
+"""Decides which run of a component with schedule is due, by annotations of its newest Job and by the clock.
 
-Nothing else is remembered. The newest Job stays until its successor is there, so a crash between the two loses no run. Each due time
-has a Job of its own name, so none is run twice. Before the first run the newest Job is the mark: it is suspended, never runs, and has
-the time since when the schedule counts.
+Nothing else is remembered. The newest Job stays until its successor is there, so a crash between the two loses no run.
+Each due time has a Job of its own name, so none is run twice. Before the first run the newest Job is the mark: it is
+suspended, never runs, and has the time since when the schedule counts.
 """
 
 from collections.abc import Iterable, Mapping
@@ -49,8 +49,8 @@ def decide_run(
 ) -> RunDecision:
     """Returns the run that begins now, or the due times that get none.
 
-    starting_deadline: how late a run may begin. is_edited: the component was changed since the record was made, which begins the
-    schedule anew.
+    starting_deadline: how late a run may begin. is_edited: the component was changed since the record was made, which
+    begins the schedule anew.
     """
     if record.is_under_way:
         return RunDecision()  # due times until the run ends are skipped: its end settles them
@@ -78,7 +78,7 @@ class ScheduledRun(NamedTuple):
 
     @property
     def changes_at(self) -> datetime | None:
-        """Returns when this state changes without any event: a run is due, or a due run that could not begin is left out."""
+        """Returns when this state changes without any event: a run is due, or a due one that could not begin is left out."""
         left_out = None if self.due_now is None else self.due_now + self.starting_deadline
         return min((time for time in (self.next_due, left_out) if time is not None), default=None)
 
@@ -106,7 +106,7 @@ class ScheduledRun(NamedTuple):
 
 
 def plan_runs(app: App, observed: Iterable[object], *, now: datetime, has_ended: bool) -> Mapping[str, ScheduledRun]:
-    """Returns the state of each component with schedule, by name. has_ended: their instance has ended, so no run begins."""
+    """Returns the state of each component with schedule, by name. has_ended: their instance has, so no run begins."""
     if not app.due_times or app.spec.matrix is not None:  # a sweep has no schedules (the schema refuses them)
         return {}
     newest: dict[str, Job] = {}

@@ -1,4 +1,4 @@
-"""Renders components: a Deployment each per instance, a Job for one with job, and a Job for each run of one with schedule."""
+"""Renders components: a Deployment each, a Job for one with job, and a Job for each run of one with schedule."""
 
 import dataclasses
 from collections.abc import Collection, Mapping
@@ -38,8 +38,8 @@ def component_deployments(
 ) -> list[Child]:
     """Returns the Deployments of the components that run on.
 
-    running: False for no pods (suspended, or no domain to be had), while everything else stays. master_starts: by component.
-    waiting: components without pods so far. claiming: components whose devices come by a ResourceClaim.
+    running: False for no pods (suspended, or no domain to be had), while everything else stays. master_starts: by
+    component. waiting: components without pods so far. claiming: components whose devices come by a ResourceClaim.
     attempt: number of the instance's attempt, "" for the first one. With another number all pods start anew.
     """
     children = []
@@ -72,8 +72,9 @@ def component_jobs(
 ) -> list[Child]:
     """Returns the Jobs of the components with job.
 
-    idle: components whose job has ended or is not due, so that it needs no device. run_times: by component with schedule, the times of
-    the run it is to have. attempt_annotations: those of the instance's attempt, {} for the first one; a run of a schedule has none.
+    idle: components whose job has ended or is not due, so that it needs no device. run_times: by component with
+    schedule, the times of the run it is to have. attempt_annotations: those of the instance's attempt, {} for the first
+    one; a run of a schedule has none.
     """
     children = []
     for component in desired.app.spec.components:
@@ -96,8 +97,8 @@ def component_jobs(
 
 
 def name_run(desired: Desired, component: str, due: datetime | None) -> str:
-    """Returns the name of the Job of a run, another one for each due time: the Job of the last run stays until that of the next one is
-    there, and no due time can have two Jobs.
+    """Returns the name of the Job of a run, another one for each due time: the Job of the last run stays until that
+    of the next one is there, and no due time can have two Jobs.
     """
     # A dot cannot occur in a component's name, so the hash differs from that of any other one.
     return desired.name_of(component if due is None else f"{component}.{due.astimezone(UTC):%Y%m%d%H%M}")
@@ -108,7 +109,8 @@ def _job(
 ) -> Child:
     """Returns the Job of a component.
 
-    A pod that was evicted, preempted or lost with its node is no failure of the program; and no second one is made while it may run.
+    A pod that was evicted, preempted or lost with its node is no failure of the program; and no second one is made
+    while it may run.
     """
     lost = {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]}
     spec: dict[str, Any] = {
@@ -149,7 +151,7 @@ def _deployment(
 def deployment_spec(
     labels: dict[str, str], template: dict[str, Any], *, replicas: int, running: bool
 ) -> dict[str, Any]:
-    """Returns the spec, with strategy Recreate for at most one replica: two publishers of one command topic must never overlap.
+    """Returns the spec. Recreate with at most one replica: two publishers of a command topic must never overlap.
 
     revisionHistoryLimit 0: an empty old ReplicaSet would keep naming a domain the instance no longer holds.
     """

@@ -20,10 +20,10 @@ def unmet_dependencies(
     """Returns, by component that must not start yet, the components it waits for. deployments: of one instance.
 
     A component whose Deployment has pods has started. One that was stopped, by `suspend` for example, waits again.
-    jobs: by component, those of the present spec and of the present attempt. idle: components with nothing to start now.
-    attempt: number of the present attempt. A Deployment whose template is of an earlier one has not started: its pods are about to end.
-    pods: by their Deployment's uid; None where they are not known. They are looked at as well, because the status of a Deployment
-    that is started anew may still count the pods it had before.
+    jobs: by component, those of the present spec and of the present attempt. idle: components with nothing to start
+    now. attempt: number of the present attempt. A Deployment whose template is of an earlier one has not started: its
+    pods are about to end. pods: by their Deployment's uid; None where they are not known. They are looked at as well,
+    because the status of a Deployment that is started anew may still count the pods it had before.
     """
     if not app.orders_starts:
         return {}

@@ -176,8 +176,8 @@ def job_view(
 ) -> ComponentView:
     """Returns the view of a component with job: it is ready while its pod is, and when it has completed.
 
-    ending: the end of its instance. attempt: that of its instance, or the next one, which follows because a job has failed.
-    has_schedule: it is part of no attempt.
+    ending: the end of its instance. attempt: that of its instance, or the next one, which follows because a job has
+    failed. has_schedule: it is part of no attempt.
     """
     if job is None:
         text = "" if ending is None else f"was not started, because the instance has ended ({ending.reason})"
@@ -241,8 +241,8 @@ def _explain_job(
 def scheduled_view(view: ComponentView, run: ScheduledRun, *, ending: Ending | None, suspended: bool) -> ComponentView:
     """Returns the view of a component with schedule, made from the view of its present Job.
 
-    The component runs on, so it is ready between its runs and while one begins. A run that finds no node does not change that; after one
-    that has failed the component is not ready until the next one begins.
+    The component runs on, so it is ready between its runs and while one begins. A run that finds no node does not
+    change that; after one that has failed the component is not ready until the next one begins.
     """
     if ending is not None:
         text = view.message if run.is_under_way else f"ended with its instance ({ending.reason})"
@@ -292,7 +292,7 @@ def _describe_missing(names: Sequence[str]) -> str:
 def _explain_end_of_job(
     job: Job, pods: Sequence[Pod], ending: Ending | None, *, has_schedule: bool
 ) -> tuple[Reason | None, str]:
-    """Returns the end of a job: for one that has failed the reason, and how it is run again, unless its schedule does that.
+    """Returns the end of a job; for one that has failed why, and how to run it again, unless it has a schedule.
 
     A job that was ended with its instance has not failed by itself.
     """

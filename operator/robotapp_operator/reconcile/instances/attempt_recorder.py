@@ -1,4 +1,6 @@
-"""Reads and writes the record of an instance's attempts (`plan.diff.attempts`) in the status of its RobotAppInstance."""
+"""Reads and writes the record of an instance's attempts (`plan.diff.attempts`) in the status of its
+RobotAppInstance.
+"""
 
 from typing import Any
 
@@ -22,7 +24,9 @@ class AttemptRecorder:
         self._cache = cache
 
     async def read(self, app: App, instance: str) -> AppInstance | None:
-        """Reads the RobotAppInstance of the instance; None where there is none, or one that is being deleted or is not as it should be."""
+        """Reads the RobotAppInstance of the instance; None where there is none, or one that is being deleted or is
+        not as it should be.
+        """
         name = object_name(app.name, instance)
         try:
             item = await self._client.get(ROBOTAPPINSTANCES, name, namespace=app.namespace, as_type=AppInstance)
@@ -34,7 +38,8 @@ class AttemptRecorder:
         return item if is_as_wanted(item, app, instance) and not is_deleting else None
 
     async def record(self, item: AppInstance, attempt: Attempt) -> AppInstance:
-        """Adds the attempt to the status, and returns the object as stored. Raises StartOver if it was changed since it was read.
+        """Adds the attempt to the status, and returns the object as stored. Raises StartOver if it was changed since it
+        was read.
 
         The time of an earlier end is left out: with it the count of restarts would begin anew.
         """

@@ -125,7 +125,8 @@ class InstancePlanner:
         return bool(waits) and not observed
 
     def judge(self, app: App, robot: str, observed: Mapping[ChildRef, Observed], status: Mapping[str, Any]) -> Progress:
-        """Returns the state of the instance by its Jobs, and remembers when their time is over, and when the next run is due.
+        """Returns the state of the instance by its Jobs, and remembers when their time is over, and when the next run
+        is due.
 
         status: that of its RobotAppInstance.
         """

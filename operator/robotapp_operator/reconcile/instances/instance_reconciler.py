@@ -221,7 +221,8 @@ class InstanceReconciler:
         return await self._write(app, robot, children, observed, fences, progress=progress)
 
     async def _judge(self, app: App, robot: str, observed: dict[ChildRef, Observed]) -> Progress | None:
-        """Returns the state of the instance by its Jobs; None while it cannot be started again, because it has no RobotAppInstance yet.
+        """Returns the state of the instance by its Jobs; None while it cannot be started again, because it has no
+        RobotAppInstance yet.
 
         Where a job has failed and all are to run again, the next attempt is recorded before any Job is replaced.
         """

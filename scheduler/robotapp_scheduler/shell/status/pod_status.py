@@ -20,6 +20,7 @@ import msgspec
 
 from robotapp_api.model.names import EventReason
 from robotapp_api.values.quantities.buckets import Buckets
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_client.api import times
 from robotapp_client.api.bodies import STRATEGIC
 from robotapp_client.api.client import ApiClient
@@ -97,7 +98,7 @@ class _Text:
 
 def utc_now() -> str:
     """As conditions write it."""
-    return times.whole_seconds(times.utc_now())
+    return whole_seconds(times.utc_now())
 
 
 class Reporter:

@@ -31,7 +31,7 @@ def second_operator(installed_plane: ControlPlane) -> Iterator[Process]:
 
 
 def wait_pod(tenant: Tenant, component: str, attempt: str) -> dict[str, Any]:
-    """The one pod of the component that has not ended, when it is of this attempt."""
+    """Waits until the one pod of the component that has not ended is of this attempt; returns it."""
 
     def look() -> dict[str, Any] | None:
         live = [
@@ -110,6 +110,31 @@ def test_the_last_failure_ends_the_instance_and_an_edit_begins_to_count_anew(unp
     wait_phase(unplaced, "again", "Failed")
 
 
+def test_a_suspended_app_keeps_its_failed_job_and_is_started_again_when_it_is_resumed(
+    unplaced: Tenant, ids: str, operator: Process
+) -> None:
+    unplaced.apply(
+        "again",
+        part("save", job={"backoffLimit": 0}),
+        ros2={"pool": ids},
+        schedulerName="nobody",
+        completion={"maxRestarts": 1},
+    )
+    wait_pod(unplaced, "save", "")
+    operator.kill()
+    end_pod(unplaced, "save", "Failed")
+    eventually(lambda: jobs_of(unplaced)["save"]["status"].get("failed"))
+    uid = jobs_of(unplaced)["save"]["metadata"]["uid"]
+    unplaced.edit("again", suspend=True)
+    operator.restart()
+    wait_phase(unplaced, "again", "Suspended")
+    eventually(lambda: unplaced.instances("again")[0]["status"].get("phase") == "Suspended")
+    assert jobs_of(unplaced)["save"]["metadata"]["uid"] == uid, "its pod and the logs are still there"
+    assert "restarts" not in unplaced.instances("again")[0]["status"]
+    unplaced.edit("again", suspend=False)
+    wait_pod(unplaced, "save", "1")
+
+
 def test_of_two_operators_that_see_a_failure_one_counts_it(
     unplaced: Tenant, ids: str, second_operator: Process
 ) -> None:
@@ -147,5 +172,5 @@ def test_an_app_is_deleted_after_its_end_with_an_event_and_nothing_of_it_is_left
 
 
 def test_an_app_without_a_job_is_refused_a_ttl_with_what_to_write(unplaced: Tenant) -> None:
-    with pytest.raises(ApiStatusError, match=r"none does; write job: \{\} in one, or remove completion"):
+    with pytest.raises(ApiStatusError, match=r"about components that end, .*write job: \{\} in one"):
         unplaced.apply("service", part("driver"), completion={"ttl": "5s"})

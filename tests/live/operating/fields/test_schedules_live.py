@@ -1,4 +1,6 @@
-"""A component that comes back, on a control plane with the operator and our scheduler: it runs when it is due, once, whoever is killed."""
+"""A job on a schedule, on a control plane with the operator and our scheduler: each due time has one run, whichever
+of them is killed.
+"""
 
 import secrets
 from collections import defaultdict
@@ -34,14 +36,15 @@ def runs(installed_plane: ControlPlane, namespace: str, operator: Process) -> It
 
 
 def due_jobs(tenant: Tenant) -> dict[str, dict[str, Any]]:
-    """Jobs by their due time; "" for the one that marks since when the schedule counts."""
+    """Returns Jobs by their due time; "" for the mark, which stands before the first run."""
     jobs = tenant.listed("batch/jobs")
     return {job["metadata"]["annotations"].get(Annotation.DUE_AT, ""): job for job in jobs}
 
 
 def message_of(tenant: Tenant, name: str) -> str:
     (instance,) = tenant.instances(name)
-    return next(str(one.get("message", "")) for one in instance["status"]["components"] if one["name"] == "check")
+    components = instance["status"].get("components", ())
+    return next((str(view.get("message", "")) for view in components if view["name"] == "check"), "")
 
 
 def test_a_run_is_made_when_it_is_due_and_not_again_by_an_operator_that_starts_anew(
@@ -75,7 +78,9 @@ def test_a_run_is_made_when_it_is_due_and_not_again_by_an_operator_that_starts_a
         assert "" not in jobs, "the run has taken the place of the mark"
         assert jobs.get(due, job)["metadata"]["uid"] == job["metadata"]["uid"]
         events = [
-            one for one in recorder.ripe(all_of_them=True) if one.obj["metadata"].get("namespace") == runs.namespace
+            event
+            for event in recorder.ripe(all_of_them=True)
+            if event.obj["metadata"].get("namespace") == runs.namespace
         ]
     checks = [event for event in events if event.obj["metadata"].get("labels", {}).get(Label.COMPONENT) == "check"]
     report = Report(1, 1)

@@ -95,7 +95,7 @@ def test_runs_of_a_moment_hold_half_of_the_pool_with_what_rests_and_one_of_them_
 
 
 def hold_pod(tenant: Tenant) -> str:
-    """Has the only pod stay after its deletion, as one does whose program takes its time; returns its path."""
+    """Keeps the only pod after its deletion, like one whose program takes long to end; returns its path."""
     (pod,) = eventually(lambda: tenant.listed("pods"), what=tenant.children)
     path = f"/api/v1/namespaces/{tenant.namespace}/pods/{pod['metadata']['name']}"
     tenant.cp.api.patch(path, {"metadata": {"finalizers": HELD}})

@@ -196,7 +196,7 @@ COMPONENT = [
         "a cron line has five fields",
         app(components=[component(job={}, schedule={"cron": "@hourly"})]),
         app(components=[component(job={}, schedule={"cron": "@every 5m"})]),
-        "write minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, @monthly or @yearly; @every is none",
+        "write minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, @monthly or @yearly, not @every",
     ),
     RuleCase(
         "a time zone is a name",

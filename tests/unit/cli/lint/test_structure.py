@@ -66,7 +66,10 @@ def of_component(**fields: Any) -> tuple[str, str]:
         ({"job": {"parallelism": 2}}, "spec.matrix"),
         ({"job": {"schedule": "0 3 * * *"}}, 'write schedule: {cron: "0 2 * * *"} beside job'),
         ({"job": {"timeZone": "Europe/Athens"}}, "write schedule: {cron: …, timeZone: …} beside job"),
-        ({"job": {}, "schedule": {"cron": "0 3 * * *", "concurrencyPolicy": "Forbid"}}, "has that one skipped"),
+        (
+            {"job": {}, "schedule": {"cron": "0 3 * * *", "concurrencyPolicy": "Forbid"}},
+            "due times while a run goes on are skipped",
+        ),
         ({"job": {}, "schedule": {"cron": "0 3 * * *", "suspend": True}}, "write replicas: 0"),
         ({"job": {"ttlSecondsAfterFinished": 60}}, "write completion: {ttl: 1h} in spec"),
         ({"job": {"maxRestarts": 3}}, "write completion: {maxRestarts: 3} in spec"),

@@ -42,7 +42,7 @@ class Nights:
         self.body = await self.client.create(ROBOTAPPS, body)
 
     async def look(self, now: datetime) -> float:
-        """Has a new operator look at the app; returns after how many seconds it looks again."""
+        """Lets a new operator look at the app; returns after how many seconds it looks again."""
         self.now = now
         cache, memory = await self.list_all(), ReconcileState()
         params = ParamsWatch(self.client, cache, Queue(clock=lambda: 0.0, jitter=lambda: 0.0))

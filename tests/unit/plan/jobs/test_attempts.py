@@ -36,7 +36,7 @@ def progress_of(app: App, observed: Observed, status: dict[str, Any] | None = No
 
 
 def record(app: App, number: int, restarts: int, **more: Any) -> dict[str, Any]:
-    """The status of a RobotAppInstance with the record."""
+    """Returns the status of a RobotAppInstance with the record."""
     return {"restarts": render_attempt(Attempt(number, restarts, app.all_runs_hash)), **more}
 
 
@@ -53,7 +53,7 @@ def names(items: Any) -> list[str]:
 
 
 def jobs_in(result: Plan) -> dict[str, Child]:
-    """The Jobs that are written, by component."""
+    """Returns the Jobs that are written, by component."""
     return {change.child.component: change.child for change in result.changes if change.child.ref.kind == JOB}
 
 
@@ -84,7 +84,6 @@ def test_when_it_is_recorded_all_jobs_are_replaced_also_those_that_have_complete
     result = plan_of(app, observed, record(app, 1, 1))
     assert names(result.deletes) == ["calibrate", "save"]
     assert jobs_in(result) == {}
-    result = plan_of(app, {}, record(app, 1, 1))
     created = jobs_in(plan_of(app, {}, record(app, 1, 1)))
     marks = {name: child.annotations[Annotation.ATTEMPT] for name, child in created.items()}
     assert marks == {"calibrate": "1", "save": "1"}
@@ -94,8 +93,8 @@ def test_a_job_that_is_being_deleted_is_waited_for() -> None:
     app = app_of(component("save", job={}))
     observed = job(app, "save", verdict="Failed")
     ((ref, item),) = observed.items()
-    going = stored(app, verdict="Failed", deletionTimestamp=AT)[ref]
-    result = plan_of(app, {ref: going}, record(app, 1, 1))
+    deleted_job = stored(app, verdict="Failed", deletionTimestamp=AT)[ref]
+    result = plan_of(app, {ref: deleted_job}, record(app, 1, 1))
     assert (result.deletes, jobs_in(result)) == ((), {})
     assert names(plan_of(app, {ref: item}, record(app, 1, 1)).deletes) == ["save"]
 

@@ -47,30 +47,36 @@ def view(given: Job | None, *pods: Pod, **options: Any) -> ComponentView:
 
 
 def test_a_job_that_has_completed_is_ready_wants_no_node_and_says_when() -> None:
-    found = view(job("Complete"), ended_pod(0, phase="Succeeded"))
-    assert (found.ready, found.completed, found.bound, found.nodes, found.badness) == (True, True, True, (), 0)
-    assert found.message == f"completed at {AT}"
+    shown_view = view(job("Complete"), ended_pod(0, phase="Succeeded"))
+    assert (shown_view.ready, shown_view.completed, shown_view.bound, shown_view.nodes, shown_view.badness) == (
+        True,
+        True,
+        True,
+        (),
+        0,
+    )
+    assert shown_view.message == f"completed at {AT}"
 
 
 def test_a_job_that_has_failed_shows_its_last_exit_its_log_and_how_it_runs_again() -> None:
-    found = view(
+    shown_view = view(
         job("Failed", reason="BackoffLimitExceeded", message="too many attempts"), ended_pod(3, words="no map")
     )
-    assert found.reason is Reason.JOB_FAILED
-    assert "BackoffLimitExceeded: too many attempts, last with exit code 3 (Error): no map" in found.message
-    assert "kubectl logs job/map-save" in found.message
-    assert "kubectl robotapp runs map --failed runs it again" in found.message
+    assert shown_view.reason is Reason.JOB_FAILED
+    assert "BackoffLimitExceeded: too many attempts, last with exit code 3 (Error): no map" in shown_view.message
+    assert "kubectl logs job/map-save" in shown_view.message
+    assert "kubectl robotapp runs map --failed runs it again" in shown_view.message
 
 
 def test_a_job_that_was_ended_with_its_instance_has_not_failed_by_itself() -> None:
-    found = view(job("Failed", reason="DeadlineExceeded"), ending=COMPLETED)
-    assert (found.reason, found.message) == (None, "ended with its instance (Completed)")
+    shown_view = view(job("Failed", reason="DeadlineExceeded"), ending=COMPLETED)
+    assert (shown_view.reason, shown_view.message) == (None, "ended with its instance (Completed)")
 
 
 def test_a_running_job_is_ready_with_its_pod_and_counts_failed_attempts() -> None:
     running = make_pod(node="edge-1", status={"conditions": [{"type": "Ready", "status": "True"}]})
-    found = view(job(), running, ended_pod(3))
-    assert (found.ready, found.bound, found.nodes, found.restarts) == (True, True, ("edge-1",), 1)
+    shown_view = view(job(), running, ended_pod(3))
+    assert (shown_view.ready, shown_view.bound, shown_view.nodes, shown_view.restarts) == (True, True, ("edge-1",), 1)
     waiting = view(job(), make_pod(node="edge-1"), ended_pod(3))
     assert (waiting.ready, waiting.message) == (False, "1 of 1 attempts failed, last with exit code 3 (Error)")
 
@@ -82,9 +88,9 @@ def test_a_job_that_is_not_made_yet_waits_and_one_that_is_not_needed_any_more_wa
 
 def test_a_program_without_job_that_ends_with_0_is_told_the_cure_at_once() -> None:
     part = make_app(component("driver")).spec.components[0]
-    found = component_view(part, make_deployment(), [ended_pod(0, phase="Running")])
-    assert found.reason is Reason.PROGRAM_ENDED
-    assert found.message.endswith("write job: {} in it if it is to end")
+    shown_view = component_view(part, make_deployment(), [ended_pod(0, phase="Running")])
+    assert shown_view.reason is Reason.PROGRAM_ENDED
+    assert shown_view.message.endswith("write job: {} in it if it is to end")
 
 
 def test_an_app_whose_instances_have_completed_is_completed_with_counts_time_and_event() -> None:

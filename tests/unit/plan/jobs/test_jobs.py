@@ -97,9 +97,9 @@ def test_a_job_that_is_as_wanted_is_left_alone_whether_it_runs_or_has_ended() ->
 def test_an_edit_of_the_component_replaces_its_job_once_its_pods_have_ended(verdict: str) -> None:
     before, after = app_of(), app_of(component("save", job={}, args=["--fast"]))
     observed = stored(before, verdict=verdict)
-    found = plan_of(after, observed)
-    assert [item.metadata.name for item in found.deletes] == [ref.name for ref in observed]
-    assert not [change for change in found.changes if change.child.ref.kind == JOB]
+    result = plan_of(after, observed)
+    assert [item.metadata.name for item in result.deletes] == [ref.name for ref in observed]
+    assert not [change for change in result.changes if change.child.ref.kind == JOB]
     assert not plan_of(after, stored(before, deletionTimestamp="2026-01-01T00:00:50Z")).deletes
     (job,) = [change for change in plan_of(after, {}).changes if change.child.ref.kind == JOB]
     assert job.over is None
@@ -112,8 +112,8 @@ def test_an_edit_of_the_component_replaces_its_job_once_its_pods_have_ended(verd
 )
 def test_limits_and_order_do_not_run_a_job_that_has_ended_again(fields: dict[str, Any]) -> None:
     before, after = (app_of(component("save", **parts), component("driver")) for parts in ({"job": {}}, fields))
-    found = plan_of(after, stored(before, verdict="Complete"))
-    assert not [item for item in found.deletes if isinstance(item, Job)]
+    result = plan_of(after, stored(before, verdict="Complete"))
+    assert not [item for item in result.deletes if isinstance(item, Job)]
 
 
 def test_another_domain_replaces_a_job_that_may_still_run_and_none_that_has_ended() -> None:
@@ -144,12 +144,12 @@ def test_an_instance_that_has_ended_keeps_its_jobs_alone_and_ends_those_that_sti
     )
     observed = stored(app, verdict="Complete") | stored(app, name="other")
     assert {child.component for child in children_of(app, observed, domain=None)} == {"save", "other"}
-    found = plan_of(app, observed, domain=None)
-    (change,) = found.changes
+    result = plan_of(app, observed, domain=None)
+    (change,) = result.changes
     assert change.child.component == "other"
     assert change.amended is not None
     assert (change.amended["activeDeadlineSeconds"], change.amended["suspend"]) == (1, False)
-    assert not found.deletes
+    assert not result.deletes
 
 
 def test_a_new_job_gets_what_is_left_of_the_deadline() -> None:
@@ -177,9 +177,9 @@ def test_another_deadline_reaches_a_job_that_runs() -> None:
 def test_a_job_that_is_suspended_is_not_started_by_the_end_of_its_instance() -> None:
     app = app_of(component("save", job={}), component("other", job={}), completion={"success": {"operator": "Any"}})
     observed = stored(app, verdict="Complete") | stored(app, name="other", spec={"suspend": True})
-    found = plan_of(app, observed, running=False)
-    assert [item.metadata.labels[Label.COMPONENT] for item in found.deletes] == ["other"]
-    assert not found.changes
+    result = plan_of(app, observed, running=False)
+    assert [item.metadata.labels[Label.COMPONENT] for item in result.deletes] == ["other"]
+    assert not result.changes
     rest = stored(app, verdict="Complete")
     assert not plan_of(app, rest, running=False)
 

@@ -51,7 +51,7 @@ def plan_of(app: App, observed: Observed, now: datetime, domain: Domain = DOMAIN
 
 
 def store(child: Child, app: App, *, verdict: str = "", ended: datetime = DUE + MINUTE, **meta: Any) -> Observed:
-    """The Job as the API server has it."""
+    """Returns the Job as the API server has it."""
     body = child.body(app, version=VERSION)
     body["metadata"] |= {
         "uid": f"uid-{child.ref.name}",
@@ -75,12 +75,12 @@ def only_job(app: App, observed: Observed, now: datetime) -> Child:
 
 
 def mark(app: App) -> Observed:
-    """What there is of an app that got its schedule in the evening."""
+    """Returns the only Job of an app that got its schedule in the evening: the mark."""
     return store(only_job(app, {}, EVENING), app)
 
 
 def first_run(app: App, **status: Any) -> Observed:
-    """The Job of the first night, which has taken the place of the mark."""
+    """Returns the Job of the first night, which has taken the place of the mark."""
     return store(only_job(app, mark(app), DUE), app, **status)
 
 
@@ -106,9 +106,9 @@ def test_a_schedule_that_was_just_added_runs_at_its_next_time_and_not_before() -
 def test_a_run_gets_a_job_of_its_own_name_and_its_predecessor_goes_when_that_is_there() -> None:
     app = app_of()
     before = mark(app)
-    found = plan_of(app, before, DUE)
-    assert found.deletes == ()
-    (change,) = found.changes
+    result = plan_of(app, before, DUE)
+    assert result.deletes == ()
+    (change,) = result.changes
     assert change.over is None
     assert change.child.spec["suspend"] is False
     assert change.child.annotations[Annotation.DUE_AT] == "2026-11-30T00:00:00Z"
@@ -124,9 +124,9 @@ def test_a_run_that_is_being_made_is_not_lost_where_the_operator_dies_in_between
     ended = first_run(app, verdict="Complete")
     tomorrow = DUE + DAY
     for seconds in (0, 5, 599):
-        found = plan_of(app, ended, tomorrow + timedelta(seconds=seconds))
-        assert found.deletes == ()
-        assert [change.child.annotations[Annotation.DUE_AT] for change in found.changes] == ["2026-12-01T00:00:00Z"]
+        result = plan_of(app, ended, tomorrow + timedelta(seconds=seconds))
+        assert result.deletes == ()
+        assert [change.child.annotations[Annotation.DUE_AT] for change in result.changes] == ["2026-12-01T00:00:00Z"]
 
 
 def test_a_run_that_is_too_late_is_left_out_and_the_next_one_is_made() -> None:
@@ -204,8 +204,8 @@ def test_a_component_without_replicas_has_no_runs() -> None:
 def test_a_job_that_becomes_one_with_schedule_and_back_is_replaced() -> None:
     plain, scheduled = make_app(component("backup", job={}), component("driver")), app_of(component("driver"))
     job = store(only_job(plain, {}, EVENING), plain, verdict="Complete")
-    found = plan_of(scheduled, job, EVENING)
-    assert [item.metadata.name for item in found.deletes] == [ref.name for ref in job]
+    result = plan_of(scheduled, job, EVENING)
+    assert [item.metadata.name for item in result.deletes] == [ref.name for ref in job]
     back = plan_of(plain, first_run(scheduled, verdict="Complete"), DUE + MINUTE)
     assert len(back.deletes) == 1
     assert [Annotation.DUE_AT in change.child.annotations for change in back.changes] == [False]
@@ -259,9 +259,9 @@ def test_an_instance_runs_on_with_a_schedule_and_ends_by_its_other_jobs_where_co
         for ref, job in store(child, app, verdict="Complete").items()
     }
     observed = migrated | mark(app)
-    found = plan_of(app, observed, DUE)
-    assert [item.metadata.labels["robotics.io/component"] for item in found.deletes] == ["backup"]
-    assert found.changes == ()
+    result = plan_of(app, observed, DUE)
+    assert [item.metadata.labels["robotics.io/component"] for item in result.deletes] == ["backup"]
+    assert result.changes == ()
 
 
 def test_the_time_of_runs_is_no_part_of_the_deadline() -> None:
