@@ -22,10 +22,10 @@ from robotapp_claims.rules.objects import (
 )
 
 LONGEST_DEADLINE: Final = timedelta(days=3650)
-_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MOST_DIGITS: Final = 9
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
 """By the clock of the Job controller a Job may end this much earlier than by that of the operator."""
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class CompletionRules(NamedTuple):
