@@ -202,6 +202,7 @@ class Operator:
             pools=Pools(client, cache, now=_now),
             list_apps=self._list_apps,
             request_sweep=self.sweeper.sweep_soon,
+            now=_now,
         )
 
     def _enqueue_status(self, uid: str, instance: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Final
 
 from robotapp_client import ApiError, ClientError, NamespaceTerminating, TooManyRequests
+from robotapp_client.api.times import Now, utc_now
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.queue.work import StartOver, Work, name_of, namespace_group
@@ -22,7 +23,7 @@ from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.enqueue import enqueue_status
+from robotapp_operator.watch.enqueue import enqueue_after_deadline, enqueue_status
 from robotapp_operator.watch.informers import ORPHAN_S
 from robotapp_operator.watch.lister import chosen_overrides, problems_now, wanted_instances
 from robotapp_operator.watch.pod_events import PodEvents
@@ -81,7 +82,9 @@ class Controller:
         pools: Pools,
         list_apps: Callable[[], Awaitable[set[str]]],
         request_sweep: Callable[[], None],
+        now: Now = utc_now,
     ) -> None:
+        """Prepares a controller. now: the wall clock."""
         self._cache = cache
         self._queue = queue
         self._memory = memory
@@ -98,6 +101,7 @@ class Controller:
         self._pools = pools
         self._list_apps = list_apps
         self._request_sweep = request_sweep
+        self._now = now
         self._line = Line(cache, memory)
         self._work: Mapping[str, Callable[[Key], Awaitable[float | None]]] = {
             Work.APP: self._app,
@@ -306,6 +310,7 @@ class Controller:
                 self._queue.add(key, delay_s=awaits_s)
             if due_s := self._children.due_s(key.group, key.instance):
                 self._queue.add(key, delay_s=due_s)
+            enqueue_after_deadline(self._cache, self._queue, key.group, key.instance, now=self._now())
         return 0.0 if done else None
 
     def _shown_results(self, key: Key) -> tuple[object, ...]:

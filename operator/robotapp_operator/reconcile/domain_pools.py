@@ -141,8 +141,9 @@ class Line:
     def __init__(self, cache: Cache, memory: ReconcileState) -> None:
         self._cache = cache
         self._memory = memory
-        self._order: dict[str, list[Waiting]] = {}
-        """By pool: the instances in their order. One that was chosen, or waits again after a while, goes to the end."""
+        self._rounds: dict[str, dict[Waiting, int]] = {}
+        """By pool: the instances in their order, and how many turns each has had. One that was chosen goes to the end. One that comes, or
+        comes back, has had as many as those have that have had fewest, so nobody is asked again and again to catch up."""
 
     def __repr__(self) -> str:
         return f"<Line of {len(self._memory.without_domain())}>"
@@ -161,8 +162,9 @@ class Line:
     def _waiting(self, pool: str) -> Iterator[tuple[str, str, App]]:
         for uid, robot in self._memory.without_domain():
             record = self._cache.apps.get(uid)
-            app = record.app if record else None
-            if app and (app.pool == pool or app.share_with):
+            ends = record is not None and (record.deleting or self._memory.of(uid).namespace_ends)
+            app = record.app if record is not None and not ends else None
+            if app is not None and (app.pool == pool or app.share_with):
                 yield uid, robot, app
 
     def _takes_any(self, app: App, uid: str, robot: str) -> bool:
@@ -180,17 +182,22 @@ class Line:
         return len(pool_ids(found) - {thing.id for thing in things if thing is not None and thing.pool == pool})
 
     def _turn(self, pool: str, in_line: list[Waiting], free: int) -> list[Waiting]:
-        """Returns those who try now: first apps that hold no id of the pool, so that none waits behind all instances of a sweep."""
+        """Returns those who try now: those who have had fewest turns, and an app that holds no id of the pool one turn earlier, so that none
+        waits behind all instances of a sweep. If it always came first, one that tries in vain for ever would keep all others from it.
+        """
         waiting = set(in_line)
-        before = dict.fromkeys(key for key in self._order.get(pool, ()) if key in waiting)
+        rounds = {key: count for key, count in self._rounds.get(pool, {}).items() if key in waiting}
+        first_round = min(rounds.values(), default=0)
+        rounds |= {key: first_round for key in in_line if key not in rounds}
         holders = {
             claim.holder.uid
             for claim in self._cache.all_claims()
             if claim.spec.domain and claim.spec.domain.pool == pool
         }
-        order = sorted(before | dict.fromkeys(in_line), key=lambda key: key[0] in holders)
-        chosen = order[:free]
-        self._order[pool] = [*order[free:], *chosen]
+        chosen = sorted(rounds, key=lambda key: rounds[key] + (key[0] in holders))[:free]
+        for key in chosen:
+            rounds[key] = rounds.pop(key) + 1
+        self._rounds[pool] = rounds
         return chosen
 
 

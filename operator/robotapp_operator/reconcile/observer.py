@@ -131,8 +131,8 @@ class Observer:
         lost = self._cache.nodes.lost(instance.node)
         if facts.grace and lost:
             instance_memory.facts_until_s = min(instance_memory.facts_until_s, offline_s(app, lost))
-        if facts.runs_change_at is not None:
-            change_s = now_s + (facts.runs_change_at - self._now()).total_seconds()
+        if facts.changes_at is not None:
+            change_s = now_s + (facts.changes_at - self._now()).total_seconds()
             instance_memory.facts_until_s = min(instance_memory.facts_until_s, change_s)
         if before == facts and before is not None:
             facts = before  # the same object, so that callers can compare by identity

@@ -1,11 +1,13 @@
 """Which keys a change adds to the queue: those of one instance, or of the apps that share a domain with it."""
 
+from datetime import datetime
 from typing import Final
 
 from robotapp_claims.rules.share import AppKey
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.lister import admitted_instances, finished_instances
 
 FEW: Final = 2
 """Up to so many instances of an owner, a new or lost one may change what *every* instance of a sharer joins: the only
@@ -50,3 +52,24 @@ def enqueue_joined(cache: Cache, queue: Queue, owner: AppKey, *, uid: str, insta
         return
     for follower in followers:
         enqueue_instance(cache, queue, follower, instance)
+
+
+def enqueue_next(cache: Cache, queue: Queue, uid: str, *, now: datetime, delay_s: float = 0.0) -> None:
+    """Adds the instances of a sweep whose turn has come; nothing for another app."""
+    record = cache.apps.get(uid)
+    if record is None or record.app is None or record.app.spec.matrix is None:
+        return
+    for instance in admitted_instances(record.app, cache, now=now) - cache.running_instances(uid):
+        queue.add(Key(Work.CHILDREN, uid, instance), delay_s=delay_s)
+        enqueue_status(queue, uid, instance, delay_s=delay_s)
+
+
+def enqueue_after_deadline(cache: Cache, queue: Queue, uid: str, instance: str, *, now: datetime) -> None:
+    """Adds the instances whose turn has come, if this one has ended: no event shows that its deadline is over."""
+    record = cache.apps.get(uid)
+    app = record.app if record is not None else None
+    completion = app.spec.completion if app is not None and app.spec.matrix is not None else None
+    if app is None or completion is None or completion.deadline is None:
+        return
+    if instance in finished_instances(app, cache, now=now):
+        enqueue_next(cache, queue, uid, now=now)

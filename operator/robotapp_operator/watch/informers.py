@@ -10,6 +10,7 @@ from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_client import ApiClient, Change, Reflector
 from robotapp_client.api import resources
 from robotapp_client.api.resources import Resource
+from robotapp_client.api.times import Now, utc_now
 from robotapp_client.informer.reflector import find_staleness
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.master_restarts import MasterStart, find_start
@@ -21,9 +22,14 @@ from robotapp_operator.plan.status.pods.pod_warnings import awaits_containers
 from robotapp_operator.queue.work import Work, namespace_group, pool_group
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.enqueue import INSTANCE_DELAY_S, enqueue_instance, enqueue_joined, enqueue_status
+from robotapp_operator.watch.enqueue import (
+    INSTANCE_DELAY_S,
+    enqueue_instance,
+    enqueue_joined,
+    enqueue_next,
+    enqueue_status,
+)
 from robotapp_operator.watch.indexes.index import Index, InstanceKey
-from robotapp_operator.watch.lister import admitted_instances
 from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
@@ -45,7 +51,7 @@ OURS: Final = Label.APP_UID.value
 
 
 class Informers:
-    """Owns the reflectors. `namespaces` empty: the whole cluster. `clock` is monotonic seconds.
+    """Owns the reflectors. `namespaces` empty: the whole cluster. `clock` is monotonic seconds, `now` the wall clock.
 
     on_restored: called when the API server has gone back to an older state; caches and their numbers are in doubt then.
     """
@@ -59,11 +65,13 @@ class Informers:
         namespaces: Sequence[str],
         request_sweep: Callable[[], None],
         clock: Callable[[], float],
+        now: Now = utc_now,
         on_restored: Callable[[], None] = lambda: None,
     ) -> None:
         self._on_restored = on_restored
         self._request_sweep = request_sweep
         self._clock = clock
+        self._now = now
         self._client = client
         self._cache = cache
         self._queue = queue
@@ -152,13 +160,7 @@ class Informers:
         self._status(item)
 
     def _begin_next(self, uid: str, *, delay_s: float = 0.0) -> None:
-        """Adds the instances of a sweep whose turn has come."""
-        record = self._cache.apps.get(uid)
-        if record is None or record.app is None or record.app.spec.matrix is None:
-            return
-        for instance in admitted_instances(record.app, self._cache) - self._cache.running_instances(uid):
-            self._queue.add(Key(Work.CHILDREN, uid, instance), delay_s=delay_s)
-            enqueue_status(self._queue, uid, instance, delay_s=delay_s)
+        enqueue_next(self._cache, self._queue, uid, now=self._now(), delay_s=delay_s)
 
     def _others_may_start(self, before: Deployment | Pod | None, now: Deployment | Pod | None) -> bool:
         """Returns whether a Deployment or pod has become ready, and others of its app may wait for that."""

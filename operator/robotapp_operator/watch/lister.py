@@ -6,6 +6,7 @@ So they are computed once for each version of the spec and the nodes.
 
 import dataclasses
 from collections.abc import Collection, Iterable, Mapping
+from datetime import datetime
 from typing import Any
 
 from robotapp_api.model.names import Reason
@@ -19,7 +20,8 @@ from robotapp_claims.rules.objects import Claim
 from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_operator.plan.diff.diff import deployment_domain
-from robotapp_operator.plan.diff.jobs import list_admitted, names_domain
+from robotapp_operator.plan.diff.jobs import names_domain
+from robotapp_operator.plan.diff.turns import Turns, find_end_of_turn, plan_turns
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.config_content import ClusterConfig, reads_config
 from robotapp_operator.plan.spec.desired import App, Domain
@@ -63,22 +65,37 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     return with_kept
 
 
-def admitted_instances(app: App, cache: Cache) -> frozenset[str]:
+def finished_instances(app: App, cache: Cache, *, now: datetime) -> frozenset[str]:
+    """Returns the instances of a sweep whose turn is over."""
+
+    def find_ends() -> dict[str, datetime | None]:
+        return {name: find_end_of_turn(app, cache.jobs.of_instance(app.uid, name).values()) for name in app.sweep}
+
+    ends: Mapping[str, datetime | None] = cache.answers.get(
+        app, "ends of turns", cache.version_of_app(app.uid), find_ends
+    )
+    return frozenset(name for name, end in ends.items() if end is not None and end <= now)
+
+
+def admitted_instances(app: App, cache: Cache, *, now: datetime) -> frozenset[str]:
     """Returns the unfinished instances of a sweep that may run now."""
-    available = _count_available(app, cache)
+    return _plan_turns(app, cache, now=now).admitted
 
-    def list_by_jobs() -> frozenset[str]:
-        jobs = {name: cache.jobs.of_instance(app.uid, name).values() for name in app.sweep}
-        claims = cache.claims.of(app.uid).values()
-        holding = {
-            claim.holder.instance for claim in claims if claim.spec.domain and claim.spec.domain.pool == app.pool
-        }
+
+def _plan_turns(app: App, cache: Cache, *, now: datetime) -> Turns:
+    finished, available = finished_instances(app, cache, now=now), _count_available(app, cache)
+
+    def plan_by_claims() -> Turns:
+        all_claims = cache.claims.of(app.uid).values()
+        claims = [claim for claim in all_claims if claim.spec.domain and claim.spec.domain.pool == app.pool]
+        holding = {claim.holder.instance for claim in claims if not claim.parked}
+        parked = {claim.holder.instance for claim in claims if claim.parked}
         running = cache.running_instances(app.uid)
-        return list_admitted(app, jobs, running, holding=holding, available=available)
+        return plan_turns(app, finished, running, holding=holding, parked=parked, available=available)
 
-    version = cache.version_of_app(app.uid), available
-    answer: frozenset[str] = cache.answers.get(app, "admitted", version, list_by_jobs)
-    return answer
+    version = cache.version_of_app(app.uid), available, finished
+    turns: Turns = cache.answers.get(app, "turns", version, plan_by_claims)
+    return turns
 
 
 def _count_available(app: App, cache: Cache) -> int | None:
@@ -87,20 +104,23 @@ def _count_available(app: App, cache: Cache) -> int | None:
     return count_available(pool, app.namespace) if pool is not None else None
 
 
-def describe_turn(app: App, instance: str, cache: Cache) -> str:
+def describe_turn(app: App, instance: str, cache: Cache, *, now: datetime) -> str:
     """Returns why an instance of a sweep does not begin yet, "" for one that may, or has begun, and where the spec is refused for all."""
     if app.spec.matrix is None or instance in cache.running_instances(app.uid):
         return ""
     is_refused = any(problem.reason == Reason.INVALID_SPEC for problem in problems_now(app, cache))
-    if is_refused or instance in admitted_instances(app, cache):
+    turns = _plan_turns(app, cache, now=now)
+    if is_refused or instance in turns.admitted:
         return ""
     text = f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
-    available = _count_available(app, cache)
-    limit = limit_domains(app.spec.matrix.parallelism, available) if available is not None else len(app.sweep)
+    if turns.available is None:
+        return text
+    limit = limit_domains(app.spec.matrix.parallelism, turns.available)
     if limit >= len(app.sweep):
         return text
     rest_s = cache.pools[app.pool].spec.quarantine_seconds
-    return f"{text}, with at most {limit} of {available} domains, counting those of ended runs, which rest {rest_s} s"
+    text += f", with at most {limit} of {turns.available} domains, counting those of ended runs, which rest {rest_s} s"
+    return f"{text}; parked until their nodes are seen again: {turns.parked}" if turns.parked else text
 
 
 def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
@@ -143,9 +163,7 @@ def cluster_config_of(cache: Cache) -> ClusterConfig:
 
 
 def instance_status(app: App, instance: str, cache: Cache) -> Mapping[str, Any]:
-    """Returns the status of the RobotAppInstance, {} without one, and of an app whose instances are never started again."""
-    if not app.max_restarts:
-        return {}
+    """Returns the status of the RobotAppInstance, {} without one."""
     item = cache.instance_object_named.get(f"{app.namespace}/{object_name(app.name, instance)}")
     return item.status if item is not None and item.spec.app_uid == app.uid else {}
 

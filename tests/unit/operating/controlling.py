@@ -1,6 +1,7 @@
 """A controller with doubles for everything it works with and a clock of the test's own, and pods for the caches."""
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Any
 
 import msgspec
@@ -49,6 +50,7 @@ class Worker:
 class StubbedController:
     def __init__(self) -> None:
         self.clock = Clock()
+        self.now = datetime(2026, 1, 1, tzinfo=UTC)
         self.cache = Cache()
         self.memory = ReconcileState()
         self.metrics = Metrics()
@@ -79,6 +81,7 @@ class StubbedController:
             pools=self.pools,  # type: ignore[arg-type]
             list_apps=self._list,
             request_sweep=self._wake,
+            now=lambda: self.now,
         )
 
     async def _list(self) -> set[str]:

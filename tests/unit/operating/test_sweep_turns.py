@@ -1,16 +1,20 @@
 """Instances of a sweep as the caches show them: whose turn it is, and what the others are told."""
 
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import msgspec
+import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.claims import objects as make
 from tests.support.clients import client_for
 from tests.support.factories import UID, app_body, component
+from tests.unit.operating.controlling import StubbedController
 from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledServer
 from tests.unit.operating.watch.test_informers import InformedQueue
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_client import Change
 from robotapp_client.api.resources import JOBS, ROBOTAPPS
@@ -21,26 +25,36 @@ from robotapp_operator.queue.workqueue import Key
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import admitted_instances, describe_turn
 
+NOW = datetime(2026, 1, 1, tzinfo=UTC)
 MATRIX = {"parameters": [{"name": "seed", "values": ["1", "2", "3"]}], "parallelism": 1}
 
 
-def make_cache(**matrix: Any) -> tuple[Cache, App]:
+def make_cache(completion: Any = None, *, count: int = 3, **matrix: Any) -> tuple[Cache, App]:
     cache = Cache()
-    record = cache.update_app(app_body(components=[component("sim", job={})], matrix={**MATRIX, **matrix}))
+    seeds = [str(number) for number in range(1, count + 1)]
+    matrix["parameters"] = [{"name": "seed", "values": seeds}]
+    return cache, put_app(cache, completion, **matrix)
+
+
+def put_app(cache: Cache, completion: Any = None, **matrix: Any) -> App:
+    spec = {"completion": completion} if completion else {}
+    record = cache.update_app(app_body(components=[component("sim", job={})], matrix={**MATRIX, **matrix}, **spec))
     assert record.app is not None
-    return cache, record.app
+    return record.app
 
 
-def put_job(cache: Cache, app: App, instance: str, *, verdict: str = "") -> None:
+def put_job(cache: Cache, app: App, instance: str, *, verdict: str = "", reason: str = "") -> None:
     metadata = {
         "name": f"job-{instance}",
         "namespace": "default",
         "uid": f"job-{instance}",
+        "creationTimestamp": whole_seconds(NOW),
         "labels": {Label.APP_UID.value: UID, Label.INSTANCE.value: instance, Label.COMPONENT.value: "sim"},
         "annotations": {Annotation.RUN_HASH.value: app.run_hashes["sim"]},
         "ownerReferences": [{"kind": "RobotApp", "uid": UID, "controller": True}],
     }
-    conditions = [{"type": verdict, "status": "True"}] if verdict else []
+    ended = {"type": verdict, "status": "True", "reason": reason, "lastTransitionTime": whole_seconds(NOW)}
+    conditions = [ended] if verdict else []
     job = msgspec.convert({"metadata": metadata, "spec": {}, "status": {"conditions": conditions}}, Job)
     cache.jobs.put(UID, f"default/job-{instance}", job)
 
@@ -58,31 +72,31 @@ def put_pool(cache: Cache, ids: str) -> None:
 def test_the_first_instance_has_its_turn_and_the_others_are_told_the_number() -> None:
     cache, app = make_cache()
     first, second, third = app.sweep
-    assert describe_turn(app, first, cache) == ""
+    assert describe_turn(app, first, cache, now=NOW) == ""
     text = "waits for its turn: 1 of 3 instances run at once (matrix.parallelism)"
-    assert [describe_turn(app, name, cache) for name in (second, third)] == [text, text]
+    assert [describe_turn(app, name, cache, now=NOW) for name in (second, third)] == [text, text]
 
 
 def test_no_instance_of_a_refused_spec_waits_for_its_turn() -> None:
     cache, app = make_cache()
     _, second, _ = app.sweep
-    assert describe_turn(app, second, cache).startswith("waits for its turn")
+    assert describe_turn(app, second, cache, now=NOW).startswith("waits for its turn")
     refused = component("sim", job={}, args=["$(MATRIX_SPED)"])
     cache = Cache()
     record = cache.update_app(app_body(components=[refused], matrix=MATRIX))
     assert record.app is not None
-    assert describe_turn(record.app, second, cache) == ""
+    assert describe_turn(record.app, second, cache, now=NOW) == ""
 
 
 def test_a_job_that_has_ended_gives_the_turn_to_the_next_instance() -> None:
     cache, app = make_cache()
     first, second, third = app.sweep
     put_job(cache, app, first)
-    assert admitted_instances(app, cache) == {first}
+    assert admitted_instances(app, cache, now=NOW) == {first}
     put_job(cache, app, first, verdict="Failed")
-    assert admitted_instances(app, cache) == {second}
+    assert admitted_instances(app, cache, now=NOW) == {second}
     put_job(cache, app, second, verdict="Complete")
-    assert describe_turn(app, third, cache) == ""
+    assert describe_turn(app, third, cache, now=NOW) == ""
 
 
 def test_an_instance_that_has_begun_goes_on_when_the_number_falls() -> None:
@@ -92,8 +106,42 @@ def test_an_instance_that_has_begun_goes_on_when_the_number_falls() -> None:
     put_job(cache, app, second)
     record = cache.update_app(app_body(generation=2, components=[component("sim", job={})], matrix=MATRIX))
     assert record.app is not None
-    assert [describe_turn(record.app, name, cache) for name in (first, second)] == ["", ""]
-    assert describe_turn(record.app, third, cache)
+    assert [describe_turn(record.app, name, cache, now=NOW) for name in (first, second)] == ["", ""]
+    assert describe_turn(record.app, third, cache, now=NOW)
+
+
+def test_an_instance_whose_deadline_is_over_gives_its_turn_although_its_failed_job_was_to_run_again() -> None:
+    cache, app = make_cache({"deadline": "1h", "maxRestarts": 2})
+    first, second, _ = app.sweep
+    put_job(cache, app, first, verdict="Failed", reason="BackoffLimitExceeded")
+    assert admitted_instances(app, cache, now=NOW + timedelta(minutes=59)) == {first}
+    assert admitted_instances(app, cache, now=NOW + timedelta(minutes=60)) == {second}, "although the cache is the same"
+
+
+def test_an_instance_whose_deadline_is_over_runs_until_its_job_has_ended() -> None:
+    cache, app = make_cache({"deadline": "1h"})
+    first, second, _ = app.sweep
+    put_job(cache, app, first)
+    late = NOW + timedelta(hours=2)
+    assert admitted_instances(app, cache, now=late) == {first}
+    put_job(cache, app, first, verdict="Failed", reason="DeadlineExceeded")
+    assert admitted_instances(app, cache, now=late) == {second}
+
+
+async def test_the_end_of_an_instance_by_its_deadline_begins_the_next_one_without_any_event() -> None:
+    world = StubbedController()
+    app = put_app(world.cache, {"deadline": "1h", "maxRestarts": 2})
+    first, second, _ = app.sweep
+    put_job(world.cache, app, first, verdict="Failed", reason="BackoffLimitExceeded")
+    keys = Key(Work.CHILDREN, UID, first), Key(Work.CHILDREN, UID, second)
+    world.now = NOW + timedelta(minutes=59)
+    await world.handle(keys[0])
+    assert keys[1] not in world.due()
+    world.now = NOW + timedelta(minutes=60)
+    await world.handle(keys[1])
+    assert keys[1] not in world.due(), "an instance that waits would add its own key for ever"
+    await world.handle(keys[0])
+    assert keys[1] in world.due()
 
 
 def test_domains_that_rest_after_a_run_count_until_they_are_free() -> None:
@@ -103,11 +151,45 @@ def test_domains_that_rest_after_a_run_count_until_they_are_free() -> None:
     for number, instance in enumerate((first, second), start=1):
         put_job(cache, app, instance, verdict="Complete")
         put_claim(cache, instance, number, phase="Draining")
-    assert admitted_instances(app, cache) == frozenset()
-    text = describe_turn(app, third, cache)
+    assert admitted_instances(app, cache, now=NOW) == frozenset()
+    text = describe_turn(app, third, cache, now=NOW)
     assert text.endswith("with at most 2 of 4 domains, counting those of ended runs, which rest 1 s")
     cache.claims.drop(UID, put_claim(cache, first, 1).name)
-    assert admitted_instances(app, cache) == {third}
+    assert admitted_instances(app, cache, now=NOW) == {third}
+
+
+@pytest.mark.parametrize(("parallelism", "ids", "parked"), [(1, "1-3", 1), (2, "1-4", 2), (3, "1-2", 1)])
+def test_domains_that_are_parked_for_a_lost_node_do_not_stop_a_sweep_while_others_are_free(
+    parallelism: int, ids: str, parked: int
+) -> None:
+    cache, app = make_cache(parallelism=parallelism, count=8)
+    names = [*app.sweep]
+    put_pool(cache, ids)
+    for number, instance in enumerate(names[:parked], start=1):
+        put_job(cache, app, instance, verdict="Complete")
+        put_claim(cache, instance, number, phase="Parked")
+    free = int(ids[-1]) - parked
+    assert admitted_instances(app, cache, now=NOW) == set(names[parked:][: min(parallelism, free)])
+
+
+def test_who_waits_is_told_how_many_domains_are_parked() -> None:
+    cache, app = make_cache(parallelism=1, count=8)
+    first, *_, last = app.sweep
+    put_pool(cache, "1-5")
+    put_job(cache, app, first, verdict="Complete")
+    put_claim(cache, first, 1, phase="Parked")
+    text = describe_turn(app, last, cache, now=NOW)
+    assert "with at most 2 of 4 domains" in text
+    assert text.endswith("; parked until their nodes are seen again: 1")
+
+
+def test_the_domain_of_a_run_that_is_parked_while_it_goes_on_is_counted_once() -> None:
+    cache, app = make_cache(parallelism=2, count=8)
+    first, second, *_ = app.sweep
+    put_pool(cache, "1-2")
+    put_job(cache, app, first)
+    put_claim(cache, first, 1, phase="Parked")
+    assert admitted_instances(app, cache, now=NOW) == {first, second}
 
 
 def test_an_instance_with_a_domain_and_no_job_yet_keeps_its_turn() -> None:
@@ -115,7 +197,7 @@ def test_an_instance_with_a_domain_and_no_job_yet_keeps_its_turn() -> None:
     _, second, _ = app.sweep
     put_pool(cache, "1-4")
     put_claim(cache, second, 1)
-    assert admitted_instances(app, cache) == {second}
+    assert admitted_instances(app, cache, now=NOW) == {second}
 
 
 def test_a_small_quota_of_the_namespace_bounds_a_sweep_as_a_small_pool_does() -> None:
@@ -123,7 +205,7 @@ def test_a_small_quota_of_the_namespace_bounds_a_sweep_as_a_small_pool_does() ->
     first, second, _ = app.sweep
     pool = make.pool_json("1-100", quota={"namespaces": {"default": 2}})
     cache.pools["default"] = msgspec.convert(pool, Pool)
-    assert admitted_instances(app, cache) == {first, second}
+    assert admitted_instances(app, cache, now=NOW) == {first, second}
 
 
 def test_a_sweep_goes_on_when_a_domain_has_rested_after_the_apps_that_wait_for_it() -> None:
@@ -138,7 +220,7 @@ def test_a_sweep_goes_on_when_a_domain_has_rested_after_the_apps_that_wait_for_i
     assert Key(Work.CHILDREN, UID, second) not in watch.due(), "others that wait come first"
     watch.now_s += 2
     assert {key for key in watch.due() if key.work == Work.CHILDREN} == {Key(Work.CHILDREN, UID, second)}
-    assert describe_turn(record.app, third, watch.cache)
+    assert describe_turn(record.app, third, watch.cache, now=NOW)
 
 
 def test_a_larger_pool_wakes_the_instances_that_may_run_now() -> None:
@@ -151,7 +233,7 @@ def test_a_larger_pool_wakes_the_instances_that_may_run_now() -> None:
     put_pool(watch.cache, "1")
     put_job(watch.cache, record.app, first)
     put_claim(watch.cache, first, 1)
-    assert admitted_instances(record.app, watch.cache) == {first}
+    assert admitted_instances(record.app, watch.cache, now=NOW) == {first}
     larger = msgspec.convert(make.pool_json("1-9"), Pool)
     keys = watch.see("_pool", watch.cache.pools["default"], larger, key="default")
     assert Key(Work.CHILDREN, UID, second) in keys
@@ -161,7 +243,7 @@ def test_an_app_without_a_matrix_waits_for_nobody() -> None:
     cache = Cache()
     record = cache.update_app(app_body())
     assert record.app is not None
-    assert describe_turn(record.app, "", cache) == ""
+    assert describe_turn(record.app, "", cache, now=NOW) == ""
 
 
 async def mirror_jobs(world: ReconciledServer) -> list[Job]:

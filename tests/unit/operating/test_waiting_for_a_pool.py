@@ -6,11 +6,14 @@ from typing import Any
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
+from tests.support.factories import app_body, component
 from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledServer
 
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.identity import domain_spec, holder_of_app
 from robotapp_claims.rules.objects import Claim, ClaimStatus, Meta, Pool, PoolMeta, PoolQuota, PoolSpec
+from robotapp_operator.watch.lister import problems_now
 
 
 @pytest.fixture
@@ -54,6 +57,39 @@ async def test_while_the_caches_show_every_id_in_other_hands_nothing_is_asked_an
     assert outcome.reason == Reason.DOMAIN_EXHAUSTED
     assert outcome.message.startswith("2 of 2 domain ids of pool default are claimed, 1 of them resting up to 60 s")
     assert world.memory.without_domain() == [(uid, "")], "it stands in the line"
+
+
+async def test_an_app_that_waits_and_is_edited_to_a_spec_that_is_refused_leaves_the_line(
+    world: ReconciledServer,
+) -> None:
+    claimed(world, 1)
+    claimed(world, 2)
+    uid = await world.app()
+    assert await reads(world, uid) == 0
+    assert world.memory.without_domain() == [(uid, "")]
+    record = world.cache.apps[uid]
+    world.cache.update_app(
+        app_body(
+            record.name,
+            uid=uid,
+            generation=2,
+            components=[component("a", args=["$(ROBOTAPP_NODE)"], dependsOn=[{"component": "b", "status": "Ready"}])],
+        )
+    )
+    assert problems_now(world.cache.apps[uid].app, world.cache)
+    assert await reads(world, uid) == 0
+    assert world.memory.without_domain() == []
+
+
+async def test_an_instance_that_waits_for_its_turn_leaves_the_line_for_domains(world: ReconciledServer) -> None:
+    matrix = {"parameters": [{"name": "seed", "values": ["1", "2"]}], "parallelism": 1}
+    uid = await world.app(components=[component("sim", job={})], matrix=matrix)
+    record = world.cache.apps[uid]
+    assert record.app is not None
+    _, second = record.app.sweep
+    world.memory.of(uid).outcomes[second] = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "of a time when more ran at once")
+    assert await world.children.reconcile(uid, second)
+    assert world.memory.without_domain() == []
 
 
 async def test_an_id_that_the_cache_shows_free_is_tried_for(world: ReconciledServer) -> None:

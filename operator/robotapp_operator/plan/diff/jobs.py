@@ -7,17 +7,16 @@ component with schedule has a Job for each run (`schedules`); its edits reach th
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterable, Mapping
-from datetime import UTC, datetime
+from collections.abc import Iterable, Mapping
+from datetime import datetime
 from typing import Any, Final, NamedTuple, TypeGuard
 
 import msgspec
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
-from robotapp_api.values.sweeps.matrix import choose_admitted
 from robotapp_claims.rules.completion.endings import Ending, find_deadline, find_ending, find_failure, read_number
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
-from robotapp_operator.plan.diff.attempts import FIRST_ATTEMPT, Attempt, find_attempt, plan_next_attempt
+from robotapp_operator.plan.diff.attempts import FIRST_ATTEMPT, Attempt, find_attempt, keep_number, plan_next_attempt
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
 from robotapp_operator.plan.diff.schedules import ScheduledRun, is_of_schedule, plan_runs
 from robotapp_operator.plan.diff.unowned import domain_literals
@@ -69,6 +68,11 @@ class Progress(NamedTuple):
         """Returns when the next run is due, or one that cannot begin is left out; None without a schedule."""
         return min((time for run in self.runs.values() if (time := run.changes_at) is not None), default=None)
 
+    def find_change(self, now: datetime) -> datetime | None:
+        """Returns when time alone changes the instance: a run is due or left out, or its own time is over. None where nothing does."""
+        times = [time for time in (self.runs_change_at, self.deadline) if time is not None and time > now]
+        return min(times, default=None) if self.ending is None else None
+
 
 NO_JOBS: Final = Progress()
 
@@ -82,55 +86,37 @@ def current_jobs(app: App, observed: Iterable[object]) -> dict[str, Job]:
 
 
 def judge_progress(app: App, observed: Iterable[object], *, now: datetime, status: Mapping[str, Any] = {}) -> Progress:
-    """Returns the state of an instance by its Jobs. status: that of its RobotAppInstance, with the record of attempts."""
+    """Returns the state of an instance by its Jobs. status: that of its RobotAppInstance, with the record of attempts.
+
+    The number of the attempt stays where nothing is started again any more: without it all pods would start anew.
+    """
     if not app.has_jobs:
-        return NO_JOBS
+        return NO_JOBS._replace(attempt=keep_number(status))
     observed = tuple(observed)
     jobs, rules = current_jobs(app, observed), app.completion_rules
     states = {name: job.state for name, job in jobs.items()}
     ending = find_ending(rules, states, now=now) if rules is not None else None
     runs = plan_runs(app, observed, now=now, has_ended=ending is not None)
     current_runs = {name: run.current_job for name, run in runs.items() if run.current_job is not None}
-    if rules is None:
-        return Progress(jobs | current_runs, runs=runs)
-    attempt = find_attempt(states, status if rules.max_restarts else {}, run_hash=app.all_runs_hash, ending=ending)
+    attempt = find_attempt(states, status, run_hash=app.all_runs_hash, ending=ending)
     states = {name: state for name, state in states.items() if state.attempt >= attempt.number}
+    present = {name: jobs[name] for name in states} | current_runs
+    if rules is None:
+        return Progress(present, runs=runs, attempt=attempt)
     failure = find_failure(rules, states, now=now)
+    following = None  # a suspended app keeps its Jobs and their logs until it is resumed
+    if failure is not None and not app.spec.suspend:
+        following = plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts)
     deadline = find_deadline(rules, states, began=attempt.began)
     remaining = deadline - now if deadline is not None else rules.deadline
     return Progress(
-        {name: jobs[name] for name in states} | current_runs,
+        present,
         ending,
         deadline,
         limit_s=max(_AT_ONCE, math.ceil(remaining.total_seconds())) if remaining is not None else None,
         runs=runs,
         attempt=attempt,
-        next_attempt=plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts) if failure else None,
-    )
-
-
-def list_admitted(
-    app: App,
-    jobs: Mapping[str, Iterable[Job]],
-    running: Collection[str],
-    *,
-    holding: Collection[str] = (),
-    available: int | None = None,
-) -> frozenset[str]:
-    """Returns the instances of a sweep that may run now. jobs: those of each instance. running: instances with Deployments or Jobs.
-    holding: instances with a domain. available: domains that the app's namespace may have, None where its instances need none.
-
-    An instance whose time is over counts as running until its jobs have ended.
-    """
-    begin = datetime.min.replace(tzinfo=UTC)
-    finished = {name for name, items in jobs.items() if judge_progress(app, items, now=begin).ending is not None}
-    return choose_admitted(
-        [*app.sweep],
-        parallelism=app.spec.matrix.parallelism if app.spec.matrix else 0,
-        begun=frozenset([*running, *holding]),
-        finished=frozenset(finished),
-        resting=sum(name in finished or name not in app.sweep for name in holding),
-        available=available,
+        next_attempt=following,
     )
 
 

@@ -220,15 +220,15 @@ def read_due(job: Job) -> datetime | None:
 
 
 def _read_record(job: Job, now: datetime) -> RunRecord:
-    settled_time = read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, ""))
-    times = [time for time in (read_due(job), settled_time, read_moment(job.state.ended)) if time is not None]
-    past_times = [time for time in times if time <= now + _MOST_AHEAD]
+    settled_until = read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, ""))
+    times = [time for time in (read_due(job), settled_until, read_moment(job.state.ended)) if time is not None]
+    past = [time for time in times if time <= now + _MOST_AHEAD]
     return RunRecord(
-        max(past_times, default=_LONG_AGO),
+        max(past, default=_LONG_AGO),
         may_have_pod(job),
         is_suspended=is_recorded_as_suspended(job),
         # What was settled later than a wrong time was written counts; the wrong time stays on the Job.
-        is_ahead=len(past_times) < len(times) and settled_time not in past_times,
+        is_ahead=len(past) < len(times) and settled_until not in past,
     )
 
 

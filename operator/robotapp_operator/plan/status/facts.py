@@ -42,8 +42,8 @@ class InstanceFacts:
     app_name: str = ""
     ending: Ending | None = None
     """Why it has ended: its jobs have completed or failed."""
-    runs_change_at: datetime | None = None
-    """The next time at which these facts change without any event, because a run of a schedule is due or left out."""
+    changes_at: datetime | None = None
+    """The next time at which these facts change without any event: a run of a schedule is due or left out, or the deadline is over."""
     attempt: Attempt = FIRST_ATTEMPT
     """The present attempt: how often the instance was started again, and why."""
     edges: tuple[EdgeView, ...] = ()

@@ -55,14 +55,17 @@ class InstancePlanner:
             return True
         app, observed = record.app, self._cache.children(uid, robot)
         if app is None:
+            self._leave_line(uid, robot)
             return not self.must_stop(record, robot, observed)
         instance = instances_by_name(app, self._cache).get(robot)
         if instance is None:
             return not self.plan_children(app, [], observed) and not self.plan_claims(app, robot, [], observed)
         if problems_now(app, self._cache):
+            self._leave_line(uid, robot)
             return not self.must_stop(record, robot, observed)
         app = app_of_instance(app, instance, self._cache)
         if self.must_not_start(app, instance, observed):
+            self._leave_line(uid, robot)
             return True
         memory = self._state.of(uid)
         if not needs_domain(app):
@@ -80,6 +83,12 @@ class InstancePlanner:
         if is_done:
             memory.troubles.pop(robot, None)  # what the server refused is no longer wanted, or is there
         return is_done
+
+    def _leave_line(self, uid: str, robot: str) -> None:
+        """Forgets that an instance which may not run was refused a domain: while that is remembered, it is asked when an id is free."""
+        outcome = self._state.outcome(uid, robot)
+        if outcome is not None and outcome.id is None:
+            del self._state.of(uid).outcomes[robot]
 
     def waits_for_its_pool(self, uid: str, robot: str) -> bool:
         """Returns whether the instance has nothing yet, and by the caches its namespace holds as many ids of the pool as it may, or others hold every
@@ -121,7 +130,8 @@ class InstancePlanner:
 
     def must_not_start(self, app: App, instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
         """Returns whether nothing of the instance may be created yet. One that is there already goes on as it is written."""
-        waits = instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
+        turn = describe_turn(app, instance.robot, self._cache, now=self._now())
+        waits = instance.problem or instance.missing or turn
         return bool(waits) and not observed
 
     def judge(self, app: App, robot: str, observed: Mapping[ChildRef, Observed], status: Mapping[str, Any]) -> Progress:

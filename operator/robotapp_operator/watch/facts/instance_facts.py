@@ -9,6 +9,7 @@ from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.instances import Instance
+from robotapp_operator.plan.diff.attempts import describe_pending
 from robotapp_operator.plan.diff.jobs import Progress, judge_progress
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
@@ -67,11 +68,11 @@ def instance_facts(
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
     progress = _judge_progress(app, instance.robot, cache, now=now)
-    has_ended = progress.ending is not None
+    has_ended, turn = progress.ending is not None, describe_turn(app, instance.robot, cache, now=now)
     unmet = _list_unmet(app, owned, pods, progress)
-    asks_domain = needs_domain(app) and not has_ended and not describe_turn(app, instance.robot, cache)
+    asks_domain = needs_domain(app) and not has_ended and not turn
     sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
-    views = list(_view_components(app, instance.robot, sources))
+    views = list(_view_components(app, instance.robot, sources, turn=turn))
     domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
     placed = {view.name: view.node for view in views if view.node}
@@ -82,7 +83,7 @@ def instance_facts(
         edges=tuple(_view_edges(app, instance, placed, cache)),
         domain=domain.id if domain else None,
         ending=progress.ending,
-        runs_change_at=None if has_ended else progress.runs_change_at,
+        changes_at=progress.find_change(now),
         attempt=progress.attempt,
         needs_domain=asks_domain,
         undecided=asks_domain and domain is None and outcome is None and not instance.problem,
@@ -207,10 +208,9 @@ def _list_unmet(
     return unmet_dependencies(app, deployments, pods, progress.jobs, idle=progress.idle, attempt=attempt)
 
 
-def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
-    """Yields the view of each component in the order of the spec."""
+def _view_components(app: App, robot: str, sources: ComponentSources, *, turn: str) -> Iterator[ComponentView]:
+    """Yields the view of each component in the order of the spec. turn: why the instance of a sweep does not begin yet."""
     cache, ending = sources.cache, sources.progress.ending
-    turn = describe_turn(app, robot, cache)
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)
@@ -222,7 +222,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
         missing = content.missing if content else ()
         lost_nodes = [pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)]
         if component.job is not None:
-            run = sources.progress.runs.get(component.name)
+            run, following = sources.progress.runs.get(component.name), sources.progress.next_attempt
             view = job_view(
                 component,
                 job,
@@ -234,7 +234,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
                 wait=wait,
                 ending=ending,
                 has_schedule=component.schedule is not None,
-                attempt=sources.progress.next_attempt or sources.progress.attempt,
+                attempt=describe_pending(following) if following else sources.progress.attempt,
             )
             yield view if run is None else scheduled_view(view, run, ending=ending, suspended=app.spec.suspend)
             continue

@@ -1,10 +1,12 @@
 """Instances that start again when a job has failed, and apps that are deleted after their end, with an operator that dies."""
 
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import pytest
-from tests.live.operating.fields.test_jobs_live import domains_of, end_pod, jobs_of, wait_phase
+from tests.live.operating.fields.test_jobs_live import completed_at, domains_of, end_pod, jobs_of, wait_phase
 
 from campaigns.rigs.live import Tenant, eventually, part
 from robotapp_api.model.names import Annotation, Label
@@ -110,6 +112,71 @@ def test_the_last_failure_ends_the_instance_and_an_edit_begins_to_count_anew(unp
     wait_phase(unplaced, "again", "Failed")
 
 
+SEEDS = {"parallelism": 4, "parameters": [{"name": "seed", "values": ["1", "2", "3", "4", "5", "6"]}]}
+
+
+def end_pending_pods(tenant: Tenant) -> bool:
+    """Ends each pod that waits, as a failure before the second restart of its instance; whether the app has completed."""
+    pods = tenant.listed("pods")
+    live = [pod for pod in pods if pod["status"]["phase"] == "Pending" and "deletionTimestamp" not in pod["metadata"]]
+    places = [pod["metadata"]["labels"][Label.INSTANCE] for pod in live]
+    assert len(places) == len(set(places)), "an instance and component has one live pod"
+    for pod in live:
+        is_last = pod["metadata"].get("annotations", {}).get(Annotation.ATTEMPT) == "2"
+        path = f"/api/v1/namespaces/{tenant.namespace}/pods/{pod['metadata']['name']}/status"
+        with suppress(ApiStatusError):  # it was deleted meanwhile
+            tenant.cp.api.patch(path, {"status": {"phase": "Succeeded" if is_last else "Failed"}})
+    return bool(tenant.app("sweep").get("status", {}).get("phase") == "Completed")
+
+
+def test_each_run_of_a_sweep_starts_again_by_itself_while_the_operator_dies_again_and_again(
+    unplaced: Tenant, ids: str, operator: Process
+) -> None:
+    unplaced.apply(
+        "sweep",
+        part("sim", job={"backoffLimit": 0}),
+        matrix=SEEDS,
+        ros2={"pool": ids},
+        schedulerName="nobody",
+        completion={"maxRestarts": 2},
+    )
+    for _ in range(4):
+        until = time.monotonic() + 2.0
+        while time.monotonic() < until:
+            end_pending_pods(unplaced)
+        operator.kill()
+        operator.restart()
+    eventually(lambda: end_pending_pods(unplaced), what=lambda: (unplaced.app("sweep"), unplaced.listed("batch/jobs")))
+    records = [instance["status"].get("restarts", {}) for instance in unplaced.instances("sweep")]
+    assert [(record.get("count"), record.get("attempt")) for record in records] == [(2, 2)] * 6
+    eventually(lambda: not domains_of(unplaced), what=unplaced.claims)
+
+
+def test_a_suspended_app_keeps_its_failed_job_and_is_started_again_when_it_is_resumed(
+    unplaced: Tenant, ids: str, operator: Process
+) -> None:
+    unplaced.apply(
+        "again",
+        part("save", job={"backoffLimit": 0}),
+        ros2={"pool": ids},
+        schedulerName="nobody",
+        completion={"maxRestarts": 1},
+    )
+    wait_pod(unplaced, "save", "")
+    operator.kill()
+    end_pod(unplaced, "save", "Failed")
+    eventually(lambda: jobs_of(unplaced)["save"]["status"].get("failed"))
+    uid = jobs_of(unplaced)["save"]["metadata"]["uid"]
+    unplaced.edit("again", suspend=True)
+    operator.restart()
+    wait_phase(unplaced, "again", "Suspended")
+    eventually(lambda: unplaced.instances("again")[0]["status"].get("phase") == "Suspended")
+    assert jobs_of(unplaced)["save"]["metadata"]["uid"] == uid, "its pod and the logs are still there"
+    assert "restarts" not in unplaced.instances("again")[0]["status"]
+    unplaced.edit("again", suspend=False)
+    wait_pod(unplaced, "save", "1")
+
+
 def test_of_two_operators_that_see_a_failure_one_counts_it(
     unplaced: Tenant, ids: str, second_operator: Process
 ) -> None:
@@ -136,7 +203,7 @@ def test_an_app_is_deleted_after_its_end_with_an_event_and_nothing_of_it_is_left
     eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
     end_pod(unplaced, "save", "Succeeded")
     app = wait_phase(unplaced, "brief", "Completed")
-    assert app["status"]["completionTime"] == jobs_of(unplaced)["save"]["status"]["completionTime"]
+    assert app["status"]["completionTime"] == completed_at(jobs_of(unplaced)["save"])
     assert "it is deleted at" in unplaced.condition("brief", "Ready")["message"]
     operator.kill()
     operator.restart()

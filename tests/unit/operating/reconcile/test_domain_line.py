@@ -74,6 +74,38 @@ def test_an_app_without_any_domain_comes_before_further_instances_of_one_that_ha
     assert world.next() == (["sweep"], False)
 
 
+def hold_one(world: DomainQueue, uid: str) -> None:
+    claim = make.domain_claim(1, make.app_holder(uid, instance="run-1"))
+    world.cache.claims.put(uid, claim.name, claim)
+
+
+def test_apps_without_any_domain_that_try_in_vain_again_and_again_keep_nobody_from_a_free_id() -> None:
+    world = DomainQueue("1-2")
+    hold_one(world, "sweep")
+    world.wait("sweep", *"ab")
+    asked = [uid for _ in range(9) for uid in world.next()[0]]
+    assert asked[:2] == ["a", "b"], "first those without any"
+    assert [asked.count(uid) for uid in ("a", "b", "sweep")] == [3, 3, 3]
+
+
+def test_an_app_that_comes_late_is_no_turns_behind_nor_ahead_of_those_that_have_tried_for_long() -> None:
+    world = DomainQueue("1-2")
+    hold_one(world, "sweep")
+    world.wait("sweep", "a")
+    assert [world.next()[0] for _ in range(21)][-1] == ["a"]
+    world.wait("late")
+    assert sorted(uid for _ in range(3) for uid in world.next()[0]) == ["a", "late", "sweep"]
+
+
+def test_an_app_that_is_being_deleted_or_goes_with_its_namespace_stands_in_no_line() -> None:
+    world = DomainQueue("1")
+    world.wait(*"abc")
+    body = app_body("a", uid="a")
+    world.cache.update_app({**body, "metadata": {**body["metadata"], "deletionTimestamp": "2026-01-01T00:00:00Z"}})
+    world.memory.of("b").namespace_ends = True
+    assert [world.next() for _ in range(2)] == [(["c"], False), (["c"], False)]
+
+
 def test_nobody_waits_for_ever_behind_those_who_leave_and_come_back() -> None:
     world = DomainQueue("1")
     world.wait(*"abc")

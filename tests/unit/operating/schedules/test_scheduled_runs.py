@@ -183,5 +183,5 @@ async def test_facts_are_others_when_a_run_is_due(nights: Nights) -> None:
     (instance,) = wanted_instances(record.app, cache)
     facts = observer.instance(record.app, instance)
     assert facts.ready
-    assert facts.runs_change_at == DUE
+    assert facts.changes_at == DUE
     assert memory.of(record.uid).instance("").facts_until_s == 100 + (DUE - EVENING).total_seconds()

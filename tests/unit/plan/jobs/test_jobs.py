@@ -157,7 +157,9 @@ def test_a_new_job_gets_what_is_left_of_the_deadline() -> None:
     app = app_of(*parts, completion={"deadline": "10m"})
     assert job_child(app).spec["activeDeadlineSeconds"] == 600
     assert job_child(app, stored(app, name="first")).spec["activeDeadlineSeconds"] == 540
-    assert judge_progress(app, stored(app).values(), now=NOW).deadline == datetime(2026, 1, 1, 0, 10, tzinfo=UTC)
+    progress, deadline = judge_progress(app, stored(app).values(), now=NOW), datetime(2026, 1, 1, 0, 10, tzinfo=UTC)
+    assert progress.deadline == progress.find_change(NOW) == deadline
+    assert progress.find_change(deadline) is None
 
 
 def test_another_deadline_reaches_a_job_that_runs() -> None:

@@ -7,7 +7,8 @@ from tests.support.factories import UID, component, make_app
 
 from robotapp_api.model.names import QUEUE_NAME
 from robotapp_operator.plan.diff.diff import plan, still_running, wanted_children
-from robotapp_operator.plan.diff.jobs import judge_progress, list_admitted
+from robotapp_operator.plan.diff.jobs import judge_progress
+from robotapp_operator.plan.diff.turns import LONG_AGO, find_end_of_turn, plan_turns
 from robotapp_operator.plan.render.deployments import component_jobs
 from robotapp_operator.plan.render.devices.resource_claim import wanted_claims
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
@@ -39,16 +40,22 @@ def job_of(app: App, instance: str, *, verdict: str = "", **spec: Any) -> Job:
     return msgspec.convert(body, Job)
 
 
+def admitted(app: App, jobs: dict[str, list[Job]]) -> frozenset[str]:
+    """The instances that may run with these Jobs."""
+    finished = {name for name, items in jobs.items() if find_end_of_turn(app, items) == LONG_AGO}
+    return plan_turns(app, finished, jobs).admitted
+
+
 def test_the_next_instances_begin_when_others_have_ended_and_not_before() -> None:
     app = sweep()
     first, second, third, fourth = app.sweep
-    assert list_admitted(app, {}, ()) == {first, second}
+    assert admitted(app, {}) == {first, second}
     running = {name: [job_of(app, name)] for name in (first, second)}
-    assert list_admitted(app, running, running) == {first, second}
+    assert admitted(app, running) == {first, second}
     ended = {**running, second: [job_of(app, second, verdict="Complete")]}
-    assert list_admitted(app, ended, ended) == {first, third}
+    assert admitted(app, ended) == {first, third}
     failed = {**ended, first: [job_of(app, first, verdict="Failed")]}
-    assert list_admitted(app, failed, failed) == {third, fourth}
+    assert admitted(app, failed) == {third, fourth}
 
 
 def test_a_job_of_another_spec_has_ended_nothing() -> None:
@@ -56,8 +63,8 @@ def test_a_job_of_another_spec_has_ended_nothing() -> None:
     first, second, third, _ = app.sweep
     other = make_app(component("sim", job={}, args=["other"]), matrix=MATRIX)
     jobs = {first: [job_of(other, first, verdict="Complete")]}
-    assert list_admitted(app, jobs, jobs) == {first, second}
-    assert third not in list_admitted(app, jobs, jobs)
+    assert admitted(app, jobs) == {first, second}
+    assert third not in admitted(app, jobs)
 
 
 def test_the_label_of_the_app_is_that_of_its_jobs_which_wait_for_kueue() -> None:
