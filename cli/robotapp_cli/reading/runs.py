@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from robotapp_api.model.names import Annotation, Condition, Label, Phase
+from robotapp_claims.rules.completion.endings import read_number
 from robotapp_cli.reading.fields import Json, condition, label, meta, status
 from robotapp_cli.reading.instances import Instance, instances_of
 from robotapp_cli.reading.session import Session
@@ -198,7 +199,7 @@ def _describe_job(job: JobRun, kubelets: dict[str, str]) -> Json:
         "job": meta(job.obj).get("name"),
         "result": job.result,
         "reason": job.reason or None,
-        "attempt": int(annotations.get(Annotation.ATTEMPT) or 0),
+        "attempt": read_number(annotations, Annotation.ATTEMPT),
         "startTime": job.started or None,
         "endTime": job.ended or None,
         "exitCode": job.exit_code,

@@ -50,7 +50,8 @@ async def restart_components(session: Session, selection: Selection) -> None:
     listing = await session.client.list(DEPLOYMENTS, namespace=session.home, label_selector=labels)
     deployments = [deployment for deployment in listing.items if is_selected(deployment, app, selection)]
     runs = await _list_selected_runs(session, app, selection)
-    if not deployments and any(job.due for run in runs for job in run.jobs if is_selected(job.obj, app, selection)):
+    selected = [job for run in runs for job in run.jobs if is_selected(job.obj, app, selection)]
+    if not deployments and selected and all(job.due for job in selected):
         name = selection.component or "a job with schedule"
         raise CliError(f"{name} runs when it is due, not before; kubectl robotapp info {selection.app} has the time")
     jobs = [job for run in runs for job in list_repeated(app, run, selection)] if not deployments else []
@@ -76,6 +77,8 @@ async def restart_components(session: Session, selection: Selection) -> None:
     else:
         names = ", ".join(sorted({job.component for job in jobs}))
         print_line(f"{text}: {len(jobs)} job{' runs' if len(jobs) == 1 else 's run'} once more ({names})")
+        if any(job.due for job in selected):
+            print_line("Those with schedule run when they are due")
         print_line(f"Follow it: kubectl robotapp runs {selection.app}")
 
 
@@ -87,14 +90,15 @@ async def _list_selected_runs(session: Session, app: Json, selection: Selection)
 
 
 def list_repeated(app: Json, run: Run, selection: Selection) -> list[JobRun]:
-    """Returns the Jobs of a run that are to be deleted so that the selected ones run once more.
+    """Returns the Jobs of a run that are to be deleted so that the selected ones run once more, without runs of schedules.
 
     A run that has ended would stay so by its other jobs. Therefore the failed ones are deleted, too, and with
     `completion` all of them, because some of them decide, or the time since the first one.
     """
-    selected = [job for job in run.jobs if is_selected(job.obj, app, selection)]
+    jobs = [job for job in run.jobs if not job.due]
+    selected = [job for job in jobs if is_selected(job.obj, app, selection)]
     if not selected or run.phase not in ENDED:
         return selected
     if app["spec"].get("completion") is not None:
-        return [job for job in run.jobs if not job.due]
-    return [job for job in run.jobs if job in selected or job in run.failed_jobs]
+        return jobs
+    return [job for job in jobs if job in selected or job in run.failed_jobs]

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
+from datetime import datetime
 from functools import lru_cache, partial
 from types import TracebackType
 from typing import Any, Final, Generic, Self, TypeVar, overload
@@ -23,6 +24,7 @@ from robotapp_client.api.backoff import Backoff
 from robotapp_client.api.bodies import APPLY, JSON, MERGE
 from robotapp_client.api.nesting import decode_nested
 from robotapp_client.api.resources import Resource
+from robotapp_client.api.times import read_date
 from robotapp_client.transport.errors import (
     MOST_PAUSE_S,
     ApiError,
@@ -130,6 +132,16 @@ class ApiClient:
         """The object as etcd has it now (a quorum read). Raises NotFound."""
         return await self.read(resource.path(namespace, name), decoder(as_type).decode)
 
+    async def get_dated(
+        self, resource: Resource, name: str, *, namespace: str | None = None
+    ) -> tuple[Json, datetime | None]:
+        """Returns the object, and the time of the answer by the API server's clock, None where the answer has none. Raises NotFound."""
+
+        def decode(response: Response) -> tuple[Json, datetime | None]:
+            return _decode(_OBJECT, response), read_date(response.headers)
+
+        return await self._read(resource.path(namespace, name), decode)
+
     @overload
     async def list(
         self,
@@ -213,11 +225,14 @@ class ApiClient:
 
         Raises TooLong for an answer beyond `most_bytes` (0: any length), and msgspec.ValidationError when the object does not fit the decoder's type: repeating would not help.
         """
+        return await self._read(path, partial(_decode, decode), most_bytes=most_bytes)
+
+    async def _read(self, path: str, decode: Callable[[Response], T], *, most_bytes: int = 0) -> T:
         backoff = Backoff(base_s=0.1, cap_s=5.0, uniform=self.uniform)
         while True:
             retry_after_s: float | None = None
             try:
-                return _decode(decode, await self.request("GET", path, most_bytes=most_bytes))
+                return decode(await self.request("GET", path, most_bytes=most_bytes))
             except Unreachable:
                 if backoff.attempt >= READ_ATTEMPTS - 1:
                     raise

@@ -32,11 +32,13 @@ REFUSED_S: Final = 600.0
 _ENDED: Final = frozenset({Phase.COMPLETED.value, Phase.FAILED.value})
 
 
-def find_expiry(record: Record) -> datetime | None:
+def find_expiry(record: Record | None) -> datetime | None:
     """Returns the time to delete the app, by its status; None while it has not ended, and without `completion.ttl`.
 
     A status that was written for another spec does not count.
     """
+    if record is None:
+        return None
     status = record.status
     if record.app is None or record.deleting or record.app.suspended or status.get("phase") not in _ENDED:
         return None
@@ -45,8 +47,15 @@ def find_expiry(record: Record) -> datetime | None:
     return find_deletion_time(record.app, str(status.get("completionTime") or ""))
 
 
+def _measure_wait(moment: datetime | None, now: datetime) -> Again:
+    return None if moment is None else max(0.0, (moment - now).total_seconds())
+
+
 class AppExpiry:
-    """Deletes one app at a time. now: the wall clock, because the time of the end comes from the API server."""
+    """Deletes one app at a time. now: the wall clock, because the time of the end comes from the API server.
+
+    The API server's clock decides as well, because an operator whose clock is ahead would delete apps that have just ended.
+    """
 
     def __init__(self, client: ApiClient, cache: Cache, recorder: EventRecorder, *, now: Now) -> None:
         self._client = client
@@ -57,44 +66,46 @@ class AppExpiry:
     async def look(self, uid: str) -> Again:
         """Deletes the app if its time has come; else returns the seconds until then, None while it has none."""
         record = self._cache.apps.get(uid)
-        wait_s = self._wait_s(record)
+        wait_s = _measure_wait(find_expiry(record), self._now())
         if record is None or wait_s is None or wait_s > 0:
             return wait_s
-        current = await self._read(record)
-        wait_s = self._wait_s(current)
+        now = self._now()
+        current, date = await self._read(record)
+        now = min(now, date or now)
+        wait_s = _measure_wait(find_expiry(current), now)
         if current is None or current.app is None or wait_s is None or wait_s > 0:
             return wait_s
-        if not await self._have_all_ended(current.app):
-            return None  # a job runs again; the next status of the app has it looked at anew
+        # The status may be that of an earlier run: a job that ran again may have ended since it was written.
+        wait_s = _measure_wait(find_deletion_time(current.app, await self._find_end(current.app, now)), now)
+        if wait_s is None or wait_s > 0:
+            return wait_s  # None: a job runs again; the next status of the app has it looked at anew
         return await self._delete(current)
 
-    def _wait_s(self, record: Record | None) -> Again:
-        expiry = find_expiry(record) if record is not None else None
-        return None if expiry is None else max(0.0, (expiry - self._now()).total_seconds())
-
-    async def _read(self, record: Record) -> Record | None:
-        """Returns the app as it is now; None when it is gone or replaced by another."""
+    async def _read(self, record: Record) -> tuple[Record | None, datetime | None]:
+        """Returns the app as it is now, None when it is gone or replaced by another; and the time by the API server's clock."""
         try:
-            body = await self._client.get(ROBOTAPPS, record.name, namespace=record.namespace)
+            body, date = await self._client.get_dated(ROBOTAPPS, record.name, namespace=record.namespace)
         except NotFound as error:
             if not means_gone(error, record.name):
                 raise
-            return None
-        return self._cache.update_app(body) if body["metadata"]["uid"] == record.uid else None
+            return None, None
+        return (self._cache.update_app(body) if body["metadata"]["uid"] == record.uid else None), date
 
-    async def _have_all_ended(self, app: App) -> bool:
-        """Reads the Jobs of the app, and returns whether all its instances have ended by them."""
+    async def _find_end(self, app: App, now: datetime) -> str:
+        """Reads the Jobs of the app, and returns when the last of its instances ended by them; "" while one has not."""
         selector = f"{Label.APP_UID}={app.uid}"
         listing = await self._client.list(JOBS, namespace=app.namespace, label_selector=selector, as_type=Job)
         jobs: defaultdict[str, list[Job]] = defaultdict(list)
         for job in listing.items:
             jobs[job.metadata.instance].append(job)
-        instances, now = wanted_instances(app, self._cache), self._now()
-        return bool(instances) and all(
+        instances = wanted_instances(app, self._cache)
+        endings = [
             judge_progress(app_of_instance(app, instance, self._cache), jobs[instance.robot], now=now).ending
-            is not None
             for instance in instances
-        )
+        ]
+        if any(ending is None for ending in endings):
+            return ""
+        return max((ending.time for ending in endings if ending is not None), default="")
 
     async def _delete(self, record: Record) -> Again:
         """Deletes the app, unless it was changed or replaced since it was read, in the way of `kubectl delete`."""

@@ -163,9 +163,7 @@ def cluster_config_of(cache: Cache) -> ClusterConfig:
 
 
 def instance_status(app: App, instance: str, cache: Cache) -> Mapping[str, Any]:
-    """Returns the status of the RobotAppInstance, {} without one, and of an app whose instances are never started again."""
-    if not app.max_restarts:
-        return {}
+    """Returns the status of the RobotAppInstance, {} without one."""
     item = cache.instance_object_named.get(f"{app.namespace}/{object_name(app.name, instance)}")
     return item.status if item is not None and item.spec.app_uid == app.uid else {}
 

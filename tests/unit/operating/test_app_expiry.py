@@ -1,7 +1,7 @@
 """An app that has ended is deleted after `completion.ttl`: only that one, only then, and on what the API server says."""
 
 from collections.abc import AsyncIterator
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
@@ -12,6 +12,7 @@ from tests.unit.operating.controlling import StubbedController
 from tests.unit.operating.reconcile.test_status_reporter import Recorder
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_client import ApiClient, Forbidden
 from robotapp_client.api.resources import JOBS, ROBOTAPPS
 from robotapp_operator.plan.spec.record import Record
@@ -67,6 +68,12 @@ class Ended:
         }
         await self.client.create(JOBS, job)
 
+    async def end_job(self, verdict: str, *, at: datetime) -> None:
+        """Has the job end, without a status of the app about it."""
+        condition = {"type": verdict, "status": "True", "lastTransitionTime": whole_seconds(at)}
+        patch = {"status": {"conditions": [condition]}}
+        await self.client.patch(JOBS, "once-save", patch, namespace="default", subresource="status")
+
     async def look(self) -> Again:
         return await self.expiry.look(self.record.uid)
 
@@ -113,6 +120,31 @@ async def test_no_other_app_is_deleted(world: Ended, fields: dict[str, Any]) -> 
     assert await world.look() is None
     assert await world.exists()
     assert world.recorder.notes == []
+
+
+async def test_after_a_job_has_run_again_the_time_counts_from_its_end_also_where_the_status_is_older(
+    world: Ended,
+) -> None:
+    await world.start()
+    world.now = END + timedelta(hours=1)
+    await world.end_job("Failed", at=world.now - timedelta(seconds=30))
+    assert await world.look() == 3570
+    assert await world.exists()
+    world.now += timedelta(seconds=3570)
+    assert await world.look() is None
+    assert not await world.exists()
+
+
+async def test_an_app_that_has_just_ended_stays_where_the_clock_of_the_operator_is_ahead(world: Ended) -> None:
+    """The API server of this test has the clock of the machine."""
+    just = datetime.now(UTC)
+    await world.start(status={"completionTime": whole_seconds(just)})
+    await world.end_job("Complete", at=just)
+    world.now = just + timedelta(hours=2)
+    wait_s = await world.look()
+    assert wait_s is not None
+    assert 3000 < wait_s <= 3601
+    assert await world.exists()
 
 
 async def test_an_app_that_was_edited_since_the_cache_saw_it_is_not_deleted(world: Ended) -> None:

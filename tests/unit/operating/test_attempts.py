@@ -9,11 +9,14 @@ from tests.support.clients import client_for
 from tests.support.factories import component
 from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledServer
 
-from robotapp_api.model.names import Annotation, EventReason, Label
+from robotapp_api.model.names import Annotation, EventReason, Label, Reason
+from robotapp_claims.rules.instances import Instance
 from robotapp_client.api.resources import JOBS, ROBOTAPPINSTANCES
-from robotapp_operator.plan.render.instance_object import wanted_object
+from robotapp_client.api.times import utc_now
+from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Job
 from robotapp_operator.queue.work import StartOver
+from robotapp_operator.watch.facts.instance_facts import instance_facts
 
 AT = "2026-01-01T00:00:30Z"
 
@@ -99,6 +102,20 @@ async def test_without_an_object_to_record_it_in_nothing_is_deleted(world: Recon
     (before,) = await jobs(world)
     assert not await world.children.reconcile(uid, "")
     assert [item["metadata"]["uid"] for item in await jobs(world)] == [before["metadata"]["uid"]]
+    reason, text = world.memory.of(uid).troubles[""]
+    assert reason == Reason.FAILED_CREATE
+    assert text.startswith("to be restarted 1 of 1 times: job save failed (BackoffLimitExceeded); ")
+    assert "RobotAppInstance once-" in text
+    app = world.cache.apps[uid].app
+    assert app is not None
+    facts = instance_facts(
+        app, Instance(robot=""), world.cache, outcome=None, trouble=None, held=(), now_s=0.0, now=utc_now()
+    )
+    (view,) = facts.components
+    assert view.message == "to be restarted 1 of 1 times: job save failed (BackoffLimitExceeded)"
+    await world.client.create(ROBOTAPPINSTANCES, wanted_object(app, ""))
+    assert await world.children.reconcile(uid, "")
+    assert world.memory.of(uid).troubles == {}
 
 
 async def test_of_two_operators_one_records_the_attempt(world: ReconciledServer) -> None:
@@ -114,6 +131,22 @@ async def test_of_two_operators_one_records_the_attempt(world: ReconciledServer)
     with pytest.raises(StartOver):
         await recorder.record(item, progress.attempt._replace(number=2))
     assert (await status(world))["restarts"]["attempt"] == 1
+
+
+async def test_the_number_is_read_from_the_caches_where_nothing_is_started_again_any_more(
+    world: ReconciledServer,
+) -> None:
+    uid = await start(world)
+    await world.children.reconcile(uid, "")
+    await mirror(world)
+    (item,) = (await world.client.list(ROBOTAPPINSTANCES, as_type=AppInstance)).items
+    world.cache.put_instance_object(item)
+    await world.edit("once", completion=None, components=[component("save", job={}, args=["again"])])
+    world.api.requests.clear()
+    await world.children.reconcile(uid, "")
+    assert not any("robotappinstances" in path for _, path in world.api.requests)
+    (job,) = await jobs(world)
+    assert job["metadata"]["annotations"][Annotation.ATTEMPT] == "1"
 
 
 async def test_an_app_without_restarts_costs_no_further_read(world: ReconciledServer) -> None:

@@ -31,6 +31,7 @@ ANNOTATIONS_READ: Final = (
     Annotation.SETTLED_AT,
 )
 """The annotations of a Job that decide about its state."""
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MOST_DIGITS: Final = 9
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
 """By the clock of the Job controller a Job may end this much earlier than by that of the operator."""
@@ -287,4 +288,5 @@ def _measure_waits(jobs: Iterable[JobState]) -> timedelta:
 
 
 def _parse_time(text: str) -> datetime:
-    return datetime.fromisoformat(text or "1970-01-01T00:00:00Z")
+    """Returns a time in the status of a Job; the epoch for none, and for one with which nothing can be computed (the year 9999)."""
+    return read_moment(text) or _EPOCH

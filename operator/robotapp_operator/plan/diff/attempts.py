@@ -63,12 +63,31 @@ def read_attempt(status: Mapping[str, Any]) -> Attempt | None:
     )
 
 
+def keep_number(status: Mapping[str, Any]) -> Attempt:
+    """Returns the attempt of an instance that has no job any more: its other pods carry the number on."""
+    record = read_attempt(status)
+    return FIRST_ATTEMPT if record is None else Attempt(record.number)
+
+
 def render_attempt(attempt: Attempt) -> dict[str, Any] | None:
     """Returns the record as plain JSON, None for an instance that was never started again."""
     if not attempt.number:
         return None
     texts = {"runHash": attempt.run_hash, "began": attempt.began, "message": attempt.message}
     return {"count": attempt.restarts, "attempt": attempt.number} | {key: text for key, text in texts.items() if text}
+
+
+def describe_pending(attempt: Attempt) -> Attempt:
+    """Returns an attempt that is not recorded yet, with the message for what is still to be done."""
+    return attempt._replace(message=attempt.message.replace("restarted", "to be restarted", 1))
+
+
+def describe_missing_object(attempt: Attempt, name: str) -> str:
+    """Returns why an instance is not started again that has no RobotAppInstance of this name, and what to do."""
+    return (
+        f"{describe_pending(attempt).message}; this has to be recorded in RobotAppInstance {name}, which does not exist: raise the "
+        "ResourceQuota that refuses it (the operator's log has the refusal), or write completion.maxRestarts: 0"
+    )
 
 
 def find_attempt(

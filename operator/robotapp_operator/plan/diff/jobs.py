@@ -16,7 +16,7 @@ import msgspec
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
 from robotapp_claims.rules.completion.endings import Ending, find_deadline, find_ending, find_failure, read_number
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
-from robotapp_operator.plan.diff.attempts import FIRST_ATTEMPT, Attempt, find_attempt, plan_next_attempt
+from robotapp_operator.plan.diff.attempts import FIRST_ATTEMPT, Attempt, find_attempt, keep_number, plan_next_attempt
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
 from robotapp_operator.plan.diff.schedules import ScheduledRun, is_of_schedule, plan_runs
 from robotapp_operator.plan.diff.unowned import domain_literals
@@ -86,30 +86,37 @@ def current_jobs(app: App, observed: Iterable[object]) -> dict[str, Job]:
 
 
 def judge_progress(app: App, observed: Iterable[object], *, now: datetime, status: Mapping[str, Any] = {}) -> Progress:
-    """Returns the state of an instance by its Jobs. status: that of its RobotAppInstance, with the record of attempts."""
+    """Returns the state of an instance by its Jobs. status: that of its RobotAppInstance, with the record of attempts.
+
+    The number of the attempt stays where nothing is started again any more: without it all pods would start anew.
+    """
     if not app.has_jobs:
-        return NO_JOBS
+        return NO_JOBS._replace(attempt=keep_number(status))
     observed = tuple(observed)
     jobs, rules = current_jobs(app, observed), app.completion_rules
     states = {name: job.state for name, job in jobs.items()}
     ending = find_ending(rules, states, now=now) if rules is not None else None
     runs = plan_runs(app, observed, now=now, has_ended=ending is not None)
     current_runs = {name: run.current_job for name, run in runs.items() if run.current_job is not None}
-    if rules is None:
-        return Progress(jobs | current_runs, runs=runs)
-    attempt = find_attempt(states, status if rules.max_restarts else {}, run_hash=app.all_runs_hash, ending=ending)
+    attempt = find_attempt(states, status, run_hash=app.all_runs_hash, ending=ending)
     states = {name: state for name, state in states.items() if state.attempt >= attempt.number}
+    present = {name: jobs[name] for name in states} | current_runs
+    if rules is None:
+        return Progress(present, runs=runs, attempt=attempt)
     failure = find_failure(rules, states, now=now)
+    following = None  # a suspended app keeps its Jobs and their logs until it is resumed
+    if failure is not None and not app.spec.suspend:
+        following = plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts)
     deadline = find_deadline(rules, states, began=attempt.began)
     remaining = deadline - now if deadline is not None else rules.deadline
     return Progress(
-        {name: jobs[name] for name in states} | current_runs,
+        present,
         ending,
         deadline,
         limit_s=max(_AT_ONCE, math.ceil(remaining.total_seconds())) if remaining is not None else None,
         runs=runs,
         attempt=attempt,
-        next_attempt=plan_next_attempt(states, attempt, failure, max_restarts=rules.max_restarts) if failure else None,
+        next_attempt=following,
     )
 
 

@@ -26,6 +26,7 @@ from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTE
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME, Annotation
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.quantities.times import read_moment
 from robotapp_api.values.references import Values, reference_values
 from robotapp_api.values.replicas import NumberedReplica, find_replicas
 from robotapp_api.values.schedules.due_times import DueTimes, parse_due_times
@@ -488,10 +489,12 @@ def is_edited(app: App, component: str, job: Job) -> bool:
 
 
 def find_deletion_time(app: App, completion_time: str) -> datetime | None:
-    """Returns when an app is deleted that has ended then, None where it is not. completion_time: RFC 3339, "" before the end."""
-    if app.ttl is None or not completion_time:
-        return None
-    return datetime.fromisoformat(completion_time).astimezone(UTC) + app.ttl
+    """Returns when an app is deleted that has ended then, None where it is not. completion_time: RFC 3339, "" before the end.
+
+    It comes from objects that others may write, so a text that is no moment counts as none.
+    """
+    end = read_moment(completion_time)
+    return None if app.ttl is None or end is None else end.astimezone(UTC) + app.ttl
 
 
 def _seconds(duration: str) -> float:

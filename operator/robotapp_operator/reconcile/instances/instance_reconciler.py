@@ -19,10 +19,12 @@ from robotapp_client import ApiClient, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS, JOBS, NODES, ROBOTAPPS, SERVICES
 from robotapp_client.api.times import Now, utc_now
 from robotapp_client.transport.errors import means_gone
+from robotapp_operator.plan.diff.attempts import describe_missing_object
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, deployment_domain, ref_of, still_running
 from robotapp_operator.plan.diff.jobs import NO_JOBS, Progress, names_domain, protocol_view
 from robotapp_operator.plan.diff.master_restarts import describe_restart, is_restart, read_master_starts
 from robotapp_operator.plan.render.child import Child
+from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Job, Node, Service, version_number
@@ -37,7 +39,14 @@ from robotapp_operator.reconcile.instances.instance_planner import InstancePlann
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
-from robotapp_operator.watch.lister import app_of_instance, instances_by_name, names_config, needs_domain, problems_now
+from robotapp_operator.watch.lister import (
+    app_of_instance,
+    instance_status,
+    instances_by_name,
+    names_config,
+    needs_domain,
+    problems_now,
+)
 
 log = logging.getLogger(__name__)
 
@@ -218,12 +227,14 @@ class InstanceReconciler:
         Where a job has failed and all are to run again, the next attempt is recorded before any Job is replaced.
         """
         if not app.max_restarts:
-            return self._planner.judge(app, robot, observed, {})
+            return self._planner.judge(app, robot, observed, instance_status(app, robot, self._cache))
         item = await self._attempts.read(app, robot)
         progress = self._planner.judge(app, robot, observed, item.status if item else {})
         if progress.next_attempt is None:
             return progress
         if item is None:
+            text = describe_missing_object(progress.next_attempt, object_name(app.name, robot))
+            self._memory.of(app.uid).troubles[robot] = (Reason.FAILED_CREATE, text)
             return None
         item = await self._attempts.record(item, progress.next_attempt)
         self._announce_about(app, robot, EventReason.STARTED_AGAIN, progress.next_attempt.message, warning=True)

@@ -9,6 +9,7 @@ from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.quantities.times import whole_seconds
 from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.instances import Instance
+from robotapp_operator.plan.diff.attempts import describe_pending
 from robotapp_operator.plan.diff.jobs import Progress, judge_progress
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
@@ -210,6 +211,7 @@ def _list_unmet(
 def _view_components(app: App, robot: str, sources: ComponentSources, *, turn: str) -> Iterator[ComponentView]:
     """Yields the view of each component in the order of the spec. turn: why the instance of a sweep does not begin yet."""
     cache, ending = sources.cache, sources.progress.ending
+    following = sources.progress.next_attempt
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)
@@ -233,7 +235,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources, *, turn: s
                 wait=wait,
                 ending=ending,
                 has_schedule=component.schedule is not None,
-                attempt=sources.progress.next_attempt or sources.progress.attempt,
+                attempt=describe_pending(following) if following else sources.progress.attempt,
             )
             yield view if run is None else scheduled_view(view, run, ending=ending, suspended=app.spec.suspend)
             continue

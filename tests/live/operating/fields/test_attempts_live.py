@@ -152,6 +152,31 @@ def test_each_run_of_a_sweep_starts_again_by_itself_while_the_operator_dies_agai
     eventually(lambda: not domains_of(unplaced), what=unplaced.claims)
 
 
+def test_a_suspended_app_keeps_its_failed_job_and_is_started_again_when_it_is_resumed(
+    unplaced: Tenant, ids: str, operator: Process
+) -> None:
+    unplaced.apply(
+        "again",
+        part("save", job={"backoffLimit": 0}),
+        ros2={"pool": ids},
+        schedulerName="nobody",
+        completion={"maxRestarts": 1},
+    )
+    wait_pod(unplaced, "save", "")
+    operator.kill()
+    end_pod(unplaced, "save", "Failed")
+    eventually(lambda: jobs_of(unplaced)["save"]["status"].get("failed"))
+    uid = jobs_of(unplaced)["save"]["metadata"]["uid"]
+    unplaced.edit("again", suspend=True)
+    operator.restart()
+    wait_phase(unplaced, "again", "Suspended")
+    eventually(lambda: unplaced.instances("again")[0]["status"].get("phase") == "Suspended")
+    assert jobs_of(unplaced)["save"]["metadata"]["uid"] == uid, "its pod and the logs are still there"
+    assert "restarts" not in unplaced.instances("again")[0]["status"]
+    unplaced.edit("again", suspend=False)
+    wait_pod(unplaced, "save", "1")
+
+
 def test_of_two_operators_that_see_a_failure_one_counts_it(
     unplaced: Tenant, ids: str, second_operator: Process
 ) -> None:

@@ -192,6 +192,14 @@ def test_what_people_write_as_the_beginning_of_a_job_does_not_count(text: str) -
     assert find_beginning({"a": later}) == START
 
 
+@pytest.mark.parametrize("time", ["9999-12-31T23:59:59Z", "0001-01-01T00:00:00Z", "2026-01-01T00:00:60Z"])
+def test_no_time_in_the_status_of_a_job_stops_the_rule(time: str) -> None:
+    rules = CompletionRules(frozenset({"save"}), deadline=timedelta(days=3650), max_restarts=1)
+    ended = FAILED._replace(ended=time, started=time, reason="DeadlineExceeded")
+    assert find_failure(rules, {"save": ended}, now=NOW) is not None
+    assert find_deadline(rules, {"save": RUNNING._replace(started=time)}) is not None
+
+
 def test_time_in_which_jobs_are_suspended_or_wait_in_a_queue_does_not_count() -> None:
     rules = SIXTY_SECONDS._replace(generation=0)
     assert reason_of(rules, a=RUNNING) is Reason.DEADLINE_EXCEEDED

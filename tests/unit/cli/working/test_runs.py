@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+import pytest
 from tests.unit.cli.running import INSTANCES, ROBOTAPPS, UID, Stage, pod, robotapp
 
 Json = dict[str, Any]
@@ -167,6 +168,15 @@ def test_a_run_whose_second_attempt_runs_has_no_exit_code_yet(stage: Stage) -> N
     assert (run["jobs"][0]["exitCode"], run["jobs"][0]["pods"][0]["exitCode"]) == (None, 1)
 
 
+def test_what_somebody_writes_as_the_number_of_an_attempt_is_none(stage: Stage) -> None:
+    fill(stage)
+    strange = job("b", "Failed")
+    strange["metadata"]["annotations"]["robotics.io/attempt"] = "two"
+    stage.add(JOBS, strange)
+    runs = {run["run"]: run for run in json.loads(stage.text("runs", "teleop", "-o", "json"))}
+    assert runs["b"]["jobs"][-1]["attempt"] == 0
+
+
 def test_an_app_without_jobs_is_told_so(stage: Stage) -> None:
     stage.add(ROBOTAPPS, robotapp())
     result = stage.run("runs", "teleop")
@@ -188,6 +198,27 @@ def test_a_job_with_schedule_is_shown_with_its_due_time_and_never_repeated(stage
     assert "no failed job; nothing was changed" in stage.text("runs", "teleop", "--failed")
     assert "sim runs when it is due, not before" in stage.run("restart", "teleop", "sim").output
     assert len(names_of_jobs(stage)) == 2
+
+
+@pytest.mark.parametrize("completion", [{}, None], ids=["ended by completion", "jobs alone"])
+def test_restart_leaves_jobs_with_schedule_to_their_time_and_runs_the_others_again(
+    stage: Stage, completion: Json | None
+) -> None:
+    app = robotapp()
+    nightly = {"name": "upload", "image": "x", "job": {}, "schedule": {"cron": "@daily"}}
+    app["spec"]["components"] = [{"name": "sim", "image": "x", "job": {}}, nightly]
+    app["spec"] |= {} if completion is None else {"completion": completion}
+    last = job("a", "Failed", component="upload")
+    last["metadata"]["annotations"]["robotics.io/due-at"] = "2026-01-01T00:00:00Z"
+    stage.add(ROBOTAPPS, app)
+    stage.add(INSTANCES, run_object("a", "Failed"))
+    stage.add(JOBS, last, job("a", "Complete"))
+    assert stage.text("restart", "teleop").splitlines() == [
+        "teleop: 1 job runs once more (sim)",
+        "Those with schedule run when they are due",
+        "Follow it: kubectl robotapp runs teleop",
+    ]
+    assert names_of_jobs(stage) == ["teleop-a-upload"]
 
 
 def names_of_jobs(stage: Stage) -> list[str]:

@@ -68,6 +68,16 @@ def test_a_failure_asks_for_the_next_attempt_and_nothing_is_replaced_before_it_i
     assert (result.deletes, jobs_in(result)) == ((), {})
 
 
+def test_a_suspended_app_is_not_started_again_until_it_is_resumed() -> None:
+    parts = component("calibrate", job={}), component("save", job={})
+    suspended = make_app(*parts, completion={"maxRestarts": 2}, suspend=True)
+    observed = job(suspended, "calibrate", verdict="Complete") | job(suspended, "save", verdict="Failed")
+    progress = progress_of(suspended, observed)
+    assert (progress.next_attempt, progress.ending) == (None, None)
+    assert not plan_of(suspended, observed, {}).deletes
+    assert progress_of(app_of(*parts), observed).next_attempt is not None
+
+
 def test_when_it_is_recorded_all_jobs_are_replaced_also_those_that_have_completed() -> None:
     app = app_of()
     observed = job(app, "calibrate", verdict="Complete") | job(app, "save", verdict="Failed")
@@ -91,16 +101,33 @@ def test_a_job_that_is_being_deleted_is_waited_for() -> None:
 
 def test_components_that_run_on_start_anew_with_each_attempt_and_not_before_the_first_restart() -> None:
     app = app_of(component("driver"), component("save", job={}))
+    assert marks_of_deployments(app, {}) == [None]
+    assert marks_of_deployments(app, record(app, 3, 1)) == ["3"]
 
-    def marks(status: dict[str, Any]) -> list[str | None]:
-        changes = plan_of(app, {}, status).changes
-        children = [
-            change.child for change in changes if change.child.ref.kind == DEPLOYMENT and change.child.component
-        ]
-        return [pod_annotations(child.spec).get(Annotation.ATTEMPT) for child in children]
 
-    assert marks({}) == [None]
-    assert marks(record(app, 3, 1)) == ["3"]
+@pytest.mark.parametrize("jobs_left", [True, False], ids=["as before", "edited or not there"])
+def test_components_that_run_on_do_not_start_anew_when_nothing_is_started_again_any_more(jobs_left: bool) -> None:
+    before = app_of(component("driver"), component("save", job={}))
+    observed = job(before, "save", attempt=1, restarts=1) if jobs_left else {}
+    status = record(before, 1, 1)
+    for completion in ({"completion": {"maxRestarts": 0}}, {}):
+        edited = make_app(component("driver"), component("save", job={}, args=["again"]), **completion)
+        after = make_app(component("driver"), component("save", job={}), **completion)
+        assert marks_of_deployments(after, status, observed) == ["1"]
+        assert marks_of_deployments(edited, status, observed) == ["1"]
+        assert progress_of(edited, {}, status).attempt.number == 1, (
+            "the edited job has it as well, so it is not replaced"
+        )
+        assert not plan_of(after, observed, status).deletes
+    assert marks_of_deployments(make_app(component("driver")), status, observed) == ["1"]
+    assert render_attempt(progress_of(make_app(component("driver")), {}, status).attempt) == {"count": 0, "attempt": 1}
+
+
+def marks_of_deployments(app: App, status: dict[str, Any], observed: Observed | None = None) -> list[str | None]:
+    """The attempts in the templates of components that run on."""
+    changes = plan_of(app, observed or {}, status).changes
+    children = [change.child for change in changes if change.child.ref.kind == DEPLOYMENT and change.child.component]
+    return [pod_annotations(child.spec).get(Annotation.ATTEMPT) for child in children]
 
 
 def test_the_jobs_alone_decide_when_no_restart_is_left() -> None:

@@ -11,6 +11,7 @@ from tests.unit.plan.status.test_status import UP, condition, instance, message,
 from robotapp_api.model.names import Condition, EventReason, Label, Phase, Reason
 from robotapp_claims.rules.completion.endings import Ending
 from robotapp_operator.plan.diff.attempts import Attempt
+from robotapp_operator.plan.spec.desired import find_deletion_time
 from robotapp_operator.plan.spec.objects import Job, Pod
 from robotapp_operator.plan.status.components import ComponentView, component_view, job_view
 from robotapp_operator.plan.status.events import events_between
@@ -162,6 +163,14 @@ def test_an_app_with_ttl_has_its_end_and_when_it_is_deleted_and_one_that_runs_or
     assert "completionTime" not in status_of(instance(DONE), app=app)
     assert "completionTime" not in status_of(ended, app=app | {"suspend": True})
     assert status_of(ended, app=SPEC)["completionTime"] == AT
+
+
+@pytest.mark.parametrize("end", ["9999-12-31T23:59:59Z", "2026-01-01T00:00:60Z", "2026-01-01t00:00:00z", "soon"])
+def test_an_end_that_is_no_usable_moment_has_no_time_of_deletion(end: str) -> None:
+    app = make_app(component("save", job={}), completion={"ttl": "1h"})
+    assert find_deletion_time(app, end) is None
+    ended = instance(DONE, ending=COMPLETED._replace(time=end), needs_domain=False, domain=None)
+    assert "it is deleted" not in message(status_of(ended, app=SPEC | {"completion": {"ttl": "1h"}}), Condition.READY)
 
 
 def test_the_end_of_an_app_is_that_of_its_last_instance() -> None:
