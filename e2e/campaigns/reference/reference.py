@@ -88,7 +88,7 @@ def _try_all(arguments: argparse.Namespace, report: Report) -> None:
     )
     if not turns:
         raise TestbedError(
-            f"no README promises anything of {arguments.app} for {arguments.fault}: choose another fault"
+            f"no README promises anything of these applications for {arguments.fault}: choose another fault"
         )
     scenarios = list({turn.scenario.name: turn.scenario for turn in turns}.values())
     began_s = time.monotonic()
@@ -146,7 +146,8 @@ def _describe(placement: Placement) -> str:
 
 
 def _choose(arguments: argparse.Namespace) -> tuple[list[Scenario], list[int], Sequence[Contender]]:
-    scenarios = list(SCENARIOS.values()) if arguments.app == ALL else [SCENARIOS[arguments.app]]
+    names = SCENARIOS if ALL in (arguments.app or [ALL]) else arguments.app
+    scenarios = [scenario for scenario in SCENARIOS.values() if scenario.name in names]
     generations = [arguments.ros] if arguments.ros else list(GENERATIONS)
     return scenarios, generations, agenda.choose_contenders(arguments.scheduler)
 
@@ -199,7 +200,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="scripts/bench reference", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--app", choices=[ALL, *SCENARIOS], default=ALL, help="one scenario instead of all five")
+    parser.add_argument(
+        "--app", action="append", choices=[ALL, *SCENARIOS], help="one scenario instead of all five; may be given again"
+    )
     parser.add_argument("--ros", type=int, choices=GENERATIONS, help="one generation instead of both")
     parser.add_argument(
         "--scheduler", choices=[ALL, *(c.name for c in SCHEDULERS)], default=ALL, help="one scheduler instead of both"

@@ -22,9 +22,11 @@ from robotapp_testbed.machines.telemetry import SimulatedTelemetry
 from robotapp_testbed.machines.topology import apply as apply_nodes
 from robotapp_testbed.processes.process import Process
 
-PLACED_S: Final = 30.0
-"""For what takes two seconds on an idle machine; a pod without a node after that has none."""
-GONE_S: Final = 60.0
+PLACED_S: Final = 120.0
+"""For what takes two seconds on an idle machine, and may run at low priority on a busy one; a pod without a node after that has none."""
+GONE_S: Final = 120.0
+POLL_S: Final = 1.0
+"""Looks of five scenarios, each fifth of a second, would be half of what the API server has to do."""
 
 
 class Rig:
@@ -51,7 +53,7 @@ class Rig:
             nodes.update(self._list_nodes(namespace, name))
             return all(map(nodes.get, components))
 
-        wait_until(are_placed, timeout_s=PLACED_S, poll_s=0.2)
+        wait_until(are_placed, timeout_s=PLACED_S, poll_s=POLL_S)
         records = self._read_records(namespace, name) if contender is OURS else {}
         self.cp.api.delete(f"{path}/{name}?propagationPolicy=Foreground")
         self._wait_gone(namespace)
@@ -84,7 +86,7 @@ class Rig:
         def is_gone() -> bool:
             return not any(self.cp.api.get(path)["items"] for path in paths)
 
-        if not wait_until(is_gone, timeout_s=GONE_S, poll_s=0.2):
+        if not wait_until(is_gone, timeout_s=GONE_S, poll_s=POLL_S):
             raise TestbedError(f"the application in {namespace} is not gone {GONE_S:.0f} s after it was deleted")
 
     def _list_nodes(self, namespace: str, name: str) -> dict[str, str]:

@@ -15,7 +15,7 @@ from robotapp_testbed.binaries import cache, gobuild, pins, toolchain
 from robotapp_testbed.failures import TestbedError, last_words
 from robotapp_testbed.progress import Progress
 
-VERSION: Final = "v0.18.0"
+VERSION: Final = "v0.17.0"
 MODULE_DIR: Final = pins.REPOSITORY / "e2e" / "kueue"
 _MODULE: Final = "sigs.k8s.io/kueue"
 LDFLAGS: Final = f"-s -w -X {_MODULE}/pkg/version.GitVersion={VERSION}"

@@ -31,10 +31,10 @@ ANNOTATIONS_READ: Final = (
     Annotation.SETTLED_AT,
 )
 """The annotations of a Job that decide about its state."""
-_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MOST_DIGITS: Final = 9
 _CLOCK_DIFFERENCE: Final = timedelta(seconds=5)
 """By the clock of the Job controller a Job may end this much earlier than by that of the operator."""
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class CompletionRules(NamedTuple):

@@ -32,5 +32,5 @@ def play(app: RunningApp, trial: Trial, fault: Fault) -> None:
         app.apply()
         TRIALS[app.scenario.name](app, trial, fault)
     except BrokenPromiseError as problem:
-        trial.broken = str(problem)
+        trial.broken = trial.broken or str(problem)
     trial.took_s = round(time.monotonic() - began_s, 1)

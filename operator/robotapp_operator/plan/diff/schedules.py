@@ -169,20 +169,20 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
     # Since a suspension the run began anew.
     began = read_moment(job.state.started or job.state.created) if record.is_under_way else None
     late_at = began + starting_deadline if began is not None else None
-    skipped = due_times.find_last(max(record.settled, now - starting_deadline), now) if record.is_under_way else None
+    skipped_due = due_times.find_last(max(record.settled, now - starting_deadline), now) if record.is_under_way else None
     is_idle = not record.is_under_way and decision == RunDecision() and not record.is_suspended
-    missed = due_times.find_last(record.settled, now - starting_deadline) if is_idle else None
-    reported = read_moment(job.metadata.annotations.get(Annotation.MISSED_AT, ""))
+    missed_due = due_times.find_last(record.settled, now - starting_deadline) if is_idle else None
+    reported_due = read_moment(job.metadata.annotations.get(Annotation.MISSED_AT, ""))
     return ScheduledRun(
         due_times,
         job,
         due_now=decision.due,
         settled=decision.settled,
-        skipped=skipped,
+        skipped=skipped_due,
         next_due=next_due,
         starting_deadline=starting_deadline,
-        missed=missed,
-        is_miss_new=missed is not None and (reported is None or reported <= record.settled),
+        missed=missed_due,
+        is_miss_new=missed_due is not None and (reported_due is None or reported_due <= record.settled),
         is_suspension_new=decision.is_suspension_new,
         late_at=late_at,
         is_late=late_at is not None and late_at <= now,
@@ -218,15 +218,15 @@ def read_due(job: Job) -> datetime | None:
 
 
 def _read_record(job: Job, now: datetime) -> RunRecord:
-    settled = read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, ""))
-    times = [time for time in (read_due(job), settled, read_moment(job.state.ended)) if time is not None]
+    settled_until = read_moment(job.metadata.annotations.get(Annotation.SETTLED_AT, ""))
+    times = [time for time in (read_due(job), settled_until, read_moment(job.state.ended)) if time is not None]
     past = [time for time in times if time <= now + _MOST_AHEAD]
     return RunRecord(
         max(past, default=_LONG_AGO),
         may_have_pod(job),
         is_suspended=is_recorded_as_suspended(job),
         # What was settled later than a wrong time was written counts; the wrong time stays on the Job.
-        is_ahead=len(past) < len(times) and settled not in past,
+        is_ahead=len(past) < len(times) and settled_until not in past,
     )
 
 

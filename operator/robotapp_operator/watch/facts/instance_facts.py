@@ -211,7 +211,6 @@ def _list_unmet(
 def _view_components(app: App, robot: str, sources: ComponentSources, *, turn: str) -> Iterator[ComponentView]:
     """Yields the view of each component in the order of the spec. turn: why the instance of a sweep does not begin yet."""
     cache, ending = sources.cache, sources.progress.ending
-    following = sources.progress.next_attempt
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)
@@ -223,7 +222,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources, *, turn: s
         missing = content.missing if content else ()
         lost_nodes = [pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)]
         if component.job is not None:
-            run = sources.progress.runs.get(component.name)
+            run, following = sources.progress.runs.get(component.name), sources.progress.next_attempt
             view = job_view(
                 component,
                 job,
