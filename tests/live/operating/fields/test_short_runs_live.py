@@ -4,6 +4,7 @@ import secrets
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -94,12 +95,16 @@ def test_runs_of_a_moment_hold_half_of_the_pool_with_what_rests_and_one_of_them_
         eventually(lambda: not runs.claims(), what=runs.claims)
 
 
-def hold_pod(tenant: Tenant) -> str:
-    """Keeps the only pod after its deletion, like one whose program takes long to end; returns its path."""
+@contextmanager
+def held_pod(tenant: Tenant) -> Iterator[str]:
+    """Keeps the only pod after its deletion, like one whose program takes long to end. Yields its path."""
     (pod,) = eventually(lambda: tenant.listed("pods"), what=tenant.children)
     path = f"/api/v1/namespaces/{tenant.namespace}/pods/{pod['metadata']['name']}"
     tenant.cp.api.patch(path, {"metadata": {"finalizers": HELD}})
-    return path
+    try:
+        yield path
+    finally:
+        tenant.cp.api.patch(path, {"metadata": {"finalizers": None}})
 
 
 def wait_until_ending(tenant: Tenant, path: str, *, generation: int) -> None:
@@ -120,19 +125,17 @@ def test_a_component_that_becomes_a_job_and_back_never_has_two_live_pods_under_a
         eventually(lambda: recorder.passed.get("Pod", 0))
         tenant.apply("turn", part("save", **free), schedulerName=THEIRS, ros2={"pool": ids})
         tenant.wait_ready("turn")
-        path = hold_pod(tenant)
-        tenant.edit("turn", components=[part("save", job={}, **nowhere)])
-        wait_until_ending(tenant, path, generation=2)
-        assert not tenant.listed("batch/jobs")
-        assert tenant.deployments("save")
-        tenant.cp.api.patch(path, {"metadata": {"finalizers": None}})
+        with held_pod(tenant) as path:
+            tenant.edit("turn", components=[part("save", job={}, **nowhere)])
+            wait_until_ending(tenant, path, generation=2)
+            assert not tenant.listed("batch/jobs")
+            assert tenant.deployments("save")
         eventually(lambda: tenant.listed("batch/jobs"), what=tenant.children)
 
-        path = hold_pod(tenant)
-        tenant.edit("turn", components=[part("save", **free)])
-        wait_until_ending(tenant, path, generation=3)
-        assert not tenant.deployments("save")
-        tenant.cp.api.patch(path, {"metadata": {"finalizers": None}})
+        with held_pod(tenant) as path:
+            tenant.edit("turn", components=[part("save", **free)])
+            wait_until_ending(tenant, path, generation=3)
+            assert not tenant.deployments("save")
         tenant.wait_ready("turn")
         assert not tenant.listed("batch/jobs")
         events = recorder.ripe(all_of_them=True)
