@@ -169,7 +169,9 @@ def _plan_run(app: App, name: str, job: Job | None, *, now: datetime, has_ended:
     # Since a suspension the run began anew.
     began = read_moment(job.state.started or job.state.created) if record.is_under_way else None
     late_at = began + starting_deadline if began is not None else None
-    skipped_due = due_times.find_last(max(record.settled, now - starting_deadline), now) if record.is_under_way else None
+    skipped_due = (
+        due_times.find_last(max(record.settled, now - starting_deadline), now) if record.is_under_way else None
+    )
     is_idle = not record.is_under_way and decision == RunDecision() and not record.is_suspended
     missed_due = due_times.find_last(record.settled, now - starting_deadline) if is_idle else None
     reported_due = read_moment(job.metadata.annotations.get(Annotation.MISSED_AT, ""))
