@@ -1,1 +1,1 @@
-"""What each reference application does on real nodes, and whether it keeps what its README promises through a fault."""
+"""Trials of the reference applications on real nodes: what each does, and whether it keeps what its README promises through a fault."""
