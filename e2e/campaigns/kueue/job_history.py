@@ -57,18 +57,18 @@ def judge(changes: Iterable[JobChange], room: int) -> Verdict:
     verdict = Verdict()
     turns: dict[str, list[bool]] = defaultdict(list)
     names: dict[str, str] = {}
-    running: set[str] = set()
+    job_uids: set[str] = set()
     for change in sorted(changes, key=lambda item: item.revision):
         names[change.uid] = change.name
         if change.is_gone or change.has_ended or change.is_suspended:
-            running.discard(change.uid)
+            job_uids.discard(change.uid)
         else:
-            running.add(change.uid)
-        if len(running) > max(verdict.most_at_once, room):
+            job_uids.add(change.uid)
+        if len(job_uids) > max(verdict.most_at_once, room):
             verdict.problems.append(
-                f"revision {change.revision}: {len(running)} Jobs run, the queue has room for {room}"
+                f"revision {change.revision}: {len(job_uids)} Jobs run, the queue has room for {room}"
             )
-        verdict.most_at_once = max(verdict.most_at_once, len(running))
+        verdict.most_at_once = max(verdict.most_at_once, len(job_uids))
         if not (change.is_gone or change.has_ended) and turns[change.uid][-1:] != [change.is_suspended]:
             turns[change.uid].append(change.is_suspended)
     verdict.problems += [

@@ -37,7 +37,7 @@ SHAPES: Final = ("sweep", "components")
 
 @dataclass(slots=True)
 class Outcome:
-    """The facts seen of one app. `writes`: successful ones of its Jobs' spec, by who made them."""
+    """Holds what was seen of one app. `writes`: successful ones of its Jobs' spec, by who made them."""
 
     shape: str
     is_drained: bool
@@ -78,9 +78,9 @@ class Story:
         verdict = judge(history.changes, ROOM)
         self.outcome.most_at_once, self.outcome.turns = verdict.most_at_once, verdict.turns
         self.outcome.problems += verdict.problems
-        allowed = [[True, False], [True, False, True, False]] if self.outcome.is_drained else [[True, False]]
+        courses = [[True, False], [True, False, True, False]] if self.outcome.is_drained else [[True, False]]
         self.outcome.problems += [
-            f"suspend of {job} went {values}" for job, values in verdict.turns.items() if values not in allowed
+            f"suspend of {job} went {values}" for job, values in verdict.turns.items() if values not in courses
         ]
         self.outcome.writes = count_writes(self.cp, self.tenant.namespace)
         self.tenant.delete(name)
@@ -92,8 +92,8 @@ class Story:
         self.expect(lambda: self.count_running() == 0, "kueue suspends the Jobs that run")
         until_s = time.monotonic() + HELD_S
         while time.monotonic() < until_s:
-            if running := self.count_running():
-                self.outcome.problems.append(f"{running} Jobs run although the queue is drained")
+            if job_count := self.count_running():
+                self.outcome.problems.append(f"{job_count} Jobs run although the queue is drained")
                 break
             time.sleep(0.2)
         self.set_policy("None")
@@ -169,11 +169,11 @@ def play(shapes: Sequence[str], *, drained: Sequence[bool]) -> list[Outcome]:
 
 def describe(outcome: Outcome) -> str:
     """Returns one line of an outcome."""
-    drained = ", drained on the way" if outcome.is_drained else ""
-    writes = ", ".join(f"{count} x {what}" for what, count in outcome.writes.items())
+    addition = ", drained on the way" if outcome.is_drained else ""
+    writes = ", ".join(f"{count} x {write}" for write, count in outcome.writes.items())
     problems = "".join(f"; NOT HELD: {problem}" for problem in outcome.problems)
     return (
-        f"{outcome.shape}{drained}: {JOBS} Jobs of {CPUS} CPU, at most {outcome.most_at_once} at once, all done after"
+        f"{outcome.shape}{addition}: {JOBS} Jobs of {CPUS} CPU, at most {outcome.most_at_once} at once, all done after"
         f" {outcome.seconds:.0f} s with {outcome.pods} pods; writes of Jobs: {writes}{problems}"
     )
 

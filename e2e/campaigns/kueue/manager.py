@@ -51,8 +51,8 @@ def adapt(objects: Iterable[Json], port: int) -> list[Json]:
 
     The name of its webhooks stays that of its certificate; the Service leads from it to this machine.
     """
-    adapted = [copy.deepcopy(item) for item in objects if item["kind"] not in _ELSEWHERE]
-    for item in adapted:
+    copies = [copy.deepcopy(item) for item in objects if item["kind"] not in _ELSEWHERE]
+    for item in copies:
         if item["kind"] in _WEBHOOK_KINDS:
             for webhook in item["webhooks"]:
                 webhook["clientConfig"]["service"]["port"] = port
@@ -66,8 +66,8 @@ def adapt(objects: Iterable[Json], port: int) -> list[Json]:
         "spec": {"type": "ExternalName", "externalName": "localhost"},
     }
     secret = {"apiVersion": "v1", "kind": "Secret", "metadata": {"name": SECRET, "namespace": NAMESPACE}}
-    names = {(item["kind"], item["metadata"]["name"]) for item in adapted}
-    return [*adapted, service, *([] if ("Secret", SECRET) in names else [secret])]
+    names = {(item["kind"], item["metadata"]["name"]) for item in copies}
+    return [*copies, service, *([] if ("Secret", SECRET) in names else [secret])]
 
 
 def configure(*, webhook_port: int, health_port: int, certificates: Path) -> Json:

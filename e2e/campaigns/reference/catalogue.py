@@ -72,8 +72,10 @@ class Scenario:
 
     def describe_fault(self, fault: Fault, outage_s: float) -> str:
         """Returns the fault as it is written in tables, such as `link cut 10 s`."""
-        killed = {Fault.POD_KILLED: self.killed, Fault.ROBOT_KILLED: "robot", Fault.MASTER_KILLED: "master"}
-        return f"{killed[fault]}'s pod killed" if fault in killed else f"{fault.replace('-', ' ')} {outage_s:g} s"
+        pod_owners = {Fault.POD_KILLED: self.killed, Fault.ROBOT_KILLED: "robot", Fault.MASTER_KILLED: "master"}
+        return (
+            f"{pod_owners[fault]}'s pod killed" if fault in pod_owners else f"{fault.replace('-', ' ')} {outage_s:g} s"
+        )
 
     def list_faults(self, ros: int) -> list[Fault]:
         """Returns the faults of one generation: ROS 2 has no master."""
@@ -86,10 +88,10 @@ class Scenario:
 
 def merge_nodes(scenarios: Sequence[Scenario], others: Sequence[SimulatedNode] = ()) -> list[SimulatedNode]:
     """Returns the nodes of several scenarios in one cluster; one that several have has the devices of all."""
-    merged = {node.name: node for scenario in scenarios for node in scenario.nodes if node.devices}
+    nodes = {node.name: node for scenario in scenarios for node in scenario.nodes if node.devices}
     for node in [*(node for scenario in scenarios for node in scenario.nodes), *others]:
-        merged.setdefault(node.name, node)
-    return list(merged.values())
+        nodes.setdefault(node.name, node)
+    return list(nodes.values())
 
 
 def list_delays(names: Collection[str]) -> dict[tuple[str, str], float]:

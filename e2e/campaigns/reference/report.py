@@ -259,8 +259,8 @@ def write_page(report: Report, page: str) -> str:
 def _list_origin(report: Report) -> list[str]:
     """Returns by which commands the trials were made, and when."""
     days = sorted({trial.began_at[:10] for trial in report.trials} - {""})
-    commands = [f"`{command}`" for command in report.commands if "--real" in command.split()]
-    return ["", f"Made on {', '.join(days)} by {', '.join(commands)}."] if days and commands else []
+    commands = [command for command in report.commands if "--real" in command.split()]
+    return ["", f"Made on {', '.join(days)} by", "```", *commands, "```"] if days and commands else []
 
 
 def append_line(path: Path, trial: Trial) -> None:

@@ -1,4 +1,4 @@
-"""The runs of a comparison of the reference applications, and the order in which a turn makes them. Pure but for the clock."""
+"""Chooses the runs of a comparison of the reference applications, and their order in a turn. Pure but for the clock."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

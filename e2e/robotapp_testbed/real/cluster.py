@@ -136,8 +136,8 @@ class RealNodes(ControlPlane):
         """Imports an image of robotapp_testbed.images on nodes that do not have it yet, on some of them at once."""
         reference, archive = images.reference(name), images.archive(name)
         with ThreadPoolExecutor(_PARALLEL) as pool:
-            for imported in [pool.submit(self.node(node).import_image, reference, archive) for node in nodes]:
-                imported.result()
+            for task in [pool.submit(self.node(node).import_image, reference, archive) for node in nodes]:
+                task.result()
 
     def plug_switch(self) -> None:
         """Attach all nodes that are up, with the delays the cluster was made with; for a switch that has just started."""

@@ -1,1 +1,1 @@
-"""Trials of the reference applications on real nodes: their work, and whether they keep what their READMEs promise through a fault."""
+"""Trials of the reference applications on real nodes: what each does, and whether it keeps what its README promises through a fault."""

@@ -82,6 +82,6 @@ def list_trips(app: RunningApp) -> list[tuple[float, Summary]]:
 
 
 def read_summary(match: re.Match[str]) -> Summary:
-    sent, answered, late = map(int, match.groups()[:3])
+    commands, answers, late_answers = map(int, match.groups()[:3])
     p50, p95, p99 = map(float, match.groups()[3:])
-    return sent, answered, late, p50, p95, p99
+    return commands, answers, late_answers, p50, p95, p99

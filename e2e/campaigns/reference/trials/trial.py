@@ -57,13 +57,13 @@ class Trial:
 
     @property
     def heals_within_s(self) -> float:
-        """Returns how long connections may take to work again after the outage."""
+        """Returns the seconds that connections may take to work again after the outage."""
         return HEALS_S + TCP_HEALS * self.outage_s
 
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """An outage with its two ends, in seconds of the epoch."""
+    """Begin and end of an outage, in seconds of the epoch."""
 
     began_s: float
     ended_s: float

@@ -154,7 +154,7 @@ def test_a_page_names_the_day_and_the_commands_of_its_trials() -> None:
     outcome.began_at = "2026-11-29T11:50:00+00:00"
     command = "scripts/bench reference --real --app teleop"
     page = write_page(Report([command, "scripts/bench reference"], trials=[outcome]), f"{begin}\n{end}")
-    assert f"Made on 2026-11-29 by `{command}`." in page
+    assert f"Made on 2026-11-29 by\n```\n{command}\n```\n" in page
 
 
 def test_a_command_is_shown_without_its_files() -> None:

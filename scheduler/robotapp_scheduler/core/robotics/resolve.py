@@ -139,7 +139,9 @@ def _of_helper(pod: PodInfo, member: Member, app: App, surroundings: Surrounding
             endpoints.append(Endpoint(f"component {name}", nodes, budget_us, required=False))
     if pod.labels.get(Label.PART, FIRST_PART) != FIRST_PART:
         on_board = frozenset(surroundings.robot_nodes(member.instance))
-        endpoints = [end for end in endpoints if not on_board.issuperset(end.nodes)] or endpoints
+        has_others = any(not tied(component) for component in app.components.values())
+        if has_others:  # before they have nodes, the preferences of its pod decide
+            endpoints = [end for end in endpoints if not on_board.issuperset(end.nodes)]
     return RosContext(tenant=pod.namespace, endpoints=tuple(endpoints))
 
 

@@ -69,10 +69,14 @@ def test_a_helper_is_measured_to_every_placed_component_and_excluded_by_none() -
 def test_the_second_discovery_server_goes_to_the_components_beside_the_robot() -> None:
     cluster = app_cluster({"name": "ui"}, {"name": "driver", "runsOn": ["Robot"]})
     cluster.apply_pod(member_pod("driver", instance="amr", node="robot"))
-    assert reached_by_server(cluster, "0") == reached_by_server(cluster, "1") == ["robot"]
+    assert reached_by_server(cluster, "0") == ["robot"]
+    assert reached_by_server(cluster, "1") == []
     cluster.apply_pod(member_pod("ui", instance="amr", node="edge"))
     assert reached_by_server(cluster, "0") == ["edge", "robot"]
     assert reached_by_server(cluster, "1") == ["edge"]
+    on_board = app_cluster({"name": "driver", "runsOn": ["Robot"]})
+    on_board.apply_pod(member_pod("driver", instance="amr", node="robot"))
+    assert reached_by_server(on_board, "1") == ["robot"]
 
 
 def reached_by_server(cluster: Cache, part: str) -> list[str]:
