@@ -29,8 +29,6 @@ from robotapp_scheduler.core.robotics.fallback import held_until
 
 HELPER_BUDGET_US: Final = 100_000
 """Measure of a helper's nearness in an app without budgets."""
-FIRST_PART: Final = "0"
-"""Value of the label `part` of the first of two discovery servers."""
 NOTHING: Final = RosRequest()
 """Annotations that are present and require nothing."""
 
@@ -127,8 +125,6 @@ def _of_helper(pod: PodInfo, member: Member, app: App, surroundings: Surrounding
     """Returns the context of a discovery server, router or master: the nearer to the components that it serves, the better.
 
     It has no budget of its own. The app's tightest one is the measure, so that a server is not farther away than its clients.
-    A second server is measured to the components beside the robot, if there are any: the first one is with those on board, and two
-    on a robot of few cores delay each other and are out of reach together.
     """
     budgets_us = [link.budget_us for links in app.links.values() for link in links if link.budget_us is not None]
     budget_us = min(budgets_us, default=HELPER_BUDGET_US)
@@ -137,11 +133,6 @@ def _of_helper(pod: PodInfo, member: Member, app: App, surroundings: Surrounding
         nodes = _nodes_of(member, (name,), surroundings) or surroundings.apps.expected(member, name)
         if nodes:
             endpoints.append(Endpoint(f"component {name}", nodes, budget_us, required=False))
-    if pod.labels.get(Label.PART, FIRST_PART) != FIRST_PART:
-        on_board = frozenset(surroundings.robot_nodes(member.instance))
-        has_others = any(not tied(component) for component in app.components.values())
-        if has_others:  # before they have nodes, the preferences of its pod decide
-            endpoints = [end for end in endpoints if not on_board.issuperset(end.nodes)]
     return RosContext(tenant=pod.namespace, endpoints=tuple(endpoints))
 
 

@@ -66,28 +66,6 @@ def test_a_helper_is_measured_to_every_placed_component_and_excluded_by_none() -
     assert context(app_cluster({"name": "a"}), "").endpoints == ()
 
 
-def test_the_second_discovery_server_goes_to_the_components_beside_the_robot() -> None:
-    cluster = app_cluster({"name": "ui"}, {"name": "driver", "runsOn": ["Robot"]})
-    cluster.apply_pod(member_pod("driver", instance="amr", node="robot"))
-    assert reached_by_server(cluster, "0") == ["robot"]
-    assert reached_by_server(cluster, "1") == []
-    cluster.apply_pod(member_pod("ui", instance="amr", node="edge"))
-    assert reached_by_server(cluster, "0") == ["edge", "robot"]
-    assert reached_by_server(cluster, "1") == ["edge"]
-    on_board = app_cluster({"name": "driver", "runsOn": ["Robot"]})
-    on_board.apply_pod(member_pod("driver", instance="amr", node="robot"))
-    assert reached_by_server(on_board, "1") == ["robot"]
-
-
-def reached_by_server(cluster: Cache, part: str) -> list[str]:
-    """Returns the nodes to which a discovery server is to be near. part: "0" is the first of two."""
-    pod = member_pod("", instance="amr")
-    pod.metadata.labels[str(Label.PART)] = part  # type: ignore[index]
-    context_of_server = resolve(PodInfo(pod), cluster)
-    assert context_of_server is not None
-    return sorted(node for end in context_of_server.endpoints for node in end.nodes)
-
-
 def test_an_edge_reaches_its_placed_peer_with_its_own_budget_and_percentile() -> None:
     edge = {"topic": "/t", "from": "a", "to": "b", "latency": {"budget": "30ms", "percentile": 50}}
     cluster = app_cluster({"name": "a"}, {"name": "b"}, edges=[edge])
