@@ -64,13 +64,13 @@ APP = [
         "a job completes",
         _after("Complete", job={}),
         _after("Ready", job={}),
-        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are ["saver"]); nothing waits for one with schedule',
+        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are ["saver"])',
     ),
     RuleCase(
         "what is no job is ready",
         _after("Ready"),
         _after("Complete"),
-        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are []); nothing waits for one with schedule',
+        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are [])',
     ),
     RuleCase(
         "completion takes a job",
@@ -88,7 +88,7 @@ APP = [
         "nothing waits for what comes back",
         _after("Complete", job={}),
         _after("Complete", job={}, schedule={"cron": "@daily"}),
-        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are []); nothing waits for one with schedule',
+        'dependsOn of ["planner"] names a component with schedule (["saver"]), which comes back and is never complete; remove it from dependsOn, or schedule there',
     ),
     RuleCase(
         "what comes back completes nothing",
