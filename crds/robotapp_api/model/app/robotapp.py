@@ -78,7 +78,16 @@ class Completion(Model):
 
     success: Success = Success()
     """Which jobs must complete."""
-    deadline: Duration | None = None
+    deadline: (
+        Annotated[
+            Duration,
+            Rule(
+                rule="!self.matches('^(0+([.]0+)?[a-z]+)+$')",
+                message="deadline must be above zero, or the instance fails at once; write for example 30m, or leave it out for no limit",
+            ),
+        ]
+        | None
+    ) = None
     """How long the jobs may take together, from the first one's creation; then the instance has failed. Time in which they are suspended or
     wait in a queue does not count. With maxRestarts it is one limit for all attempts. Absent means no limit."""
     max_restarts: Annotated[int, Field(ge=0, le=10)] = 0

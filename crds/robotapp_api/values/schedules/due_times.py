@@ -39,6 +39,8 @@ class _Field(NamedTuple):
     name: str
     first: int
     last: int
+    of: str
+    """Whose part it is: steps begin anew with each of these."""
     names: str = ""
 
     @property
@@ -47,11 +49,11 @@ class _Field(NamedTuple):
 
 
 _FIELDS: Final = (
-    _Field("minute", 0, 59),
-    _Field("hour", 0, 23),
-    _Field("day of the month", 1, 31),
-    _Field("month", 1, 12, " or JAN-DEC"),
-    _Field("day of the week", 0, 6, " or SUN-SAT"),
+    _Field("minute", 0, 59, "hour"),
+    _Field("hour", 0, 23, "day"),
+    _Field("day of the month", 1, 31, "month"),
+    _Field("month", 1, 12, "year", " or JAN-DEC"),
+    _Field("day of the week", 0, 6, "week", " or SUN-SAT"),
 )
 
 
@@ -130,6 +132,21 @@ def _cure_term(field: _Field, term: str) -> str:
     if numbers and field.last >= numbers[0] > numbers[1] >= field.first:
         return f"a range ends with the later time; write {numbers[0]}-{field.last},{field.first}-{numbers[1]}"
     return f"write {field.allowed}, ranges of these from the earlier to the later, lists, or steps of at least 1 such as */2"
+
+
+def describe_long_step(cron: str) -> str:
+    """Returns that a step is longer than its field, so that it comes once and not that often; "" without one."""
+    for field, written in zip(_FIELDS, MACROS.get(cron, cron).split(), strict=True):
+        for term in written.split(","):
+            step = re.fullmatch(r"(\*|[0-9]+)/([0-9]+)", term)
+            first = field.first if step is None or step[1] == "*" else int(step[1])
+            # A step as long as the field, such as */60 minutes, comes as often as it is written.
+            if step is not None and int(step[2]) > field.last - field.first + 1:
+                return (
+                    f"{term} as {field.name} is due at {first} alone, because steps begin anew with each {field.of}; "
+                    f"write {first} for that, or a step of at most {field.last}"
+                )
+    return ""
 
 
 def parse_time_zone(name: str) -> ZoneInfo:

@@ -79,6 +79,12 @@ APP = [
         "completion is about components that end, and none does (one with schedule comes back); write job: {} in one, or remove completion",
     ),
     RuleCase(
+        "a deadline of jobs is above zero",
+        app(components=[component("saver", job={})], completion={"deadline": "0h0.01s"}),
+        app(components=[component("saver", job={})], completion={"deadline": "0h0s"}),
+        "deadline must be above zero, or the instance fails at once; write for example 30m, or leave it out for no limit",
+    ),
+    RuleCase(
         "completion counts jobs",
         _completion("saver", job={}),
         _completion("planner", job={}),

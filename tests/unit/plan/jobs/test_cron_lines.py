@@ -66,3 +66,27 @@ def lint_line(line: str) -> list[str]:
     """Returns what lint writes about an app with this cron line."""
     spec = app(components=[component(job={}, schedule={"cron": line})])
     return [finding.message for finding in lint(json.dumps(spec).encode()).findings]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("*/90 * * * *", "*/90 as minute is due at 0 alone, because steps begin anew with each hour"),
+        ("0,5/61 * * * *", "5/61 as minute is due at 5 alone"),
+        ("0 */36 * * *", "*/36 as hour is due at 0 alone, because steps begin anew with each day"),
+        ("0 0 */45 * *", "*/45 as day of the month is due at 1 alone, because steps begin anew with each month"),
+        ("0 0 1 */18 *", "*/18 as month is due at 1 alone, because steps begin anew with each year"),
+        ("0 0 * * */14", "*/14 as day of the week is due at 0 alone, because steps begin anew with each week"),
+    ],
+)
+def test_a_step_that_is_longer_than_its_field_has_a_note(line: str, words: str) -> None:
+    (note,) = lint_line(line)
+    assert note.startswith(words)
+    assert "write" in note
+
+
+@pytest.mark.parametrize(
+    "line", ["*/60 * * * *", "0 */24 * * *", "*/15 * * * *", "10-50/20 * * * *", "@daily", "0 2 * * *"]
+)
+def test_a_step_that_is_due_as_often_as_written_has_no_note(line: str) -> None:
+    assert lint_line(line) == []
