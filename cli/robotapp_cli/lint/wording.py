@@ -70,6 +70,8 @@ _QUANTITIES: Final = dict.fromkeys(_RATES, 'messages per second, such as 20 or "
     "bandwidth": "bits per second, such as 40M"
 }
 """What a quantity counts, for fields that say it."""
+_IN_SECONDS: Final = frozenset(("spec", field) for field in ("completion", "connectivity", "placement", "recordings"))
+"""Where durations are of people and programs, and a number without unit means seconds; elsewhere they are of the network."""
 _COMMANDS: Final = frozenset({"command", "args"})
 """Fields with the words of a command line."""
 _LONGEST_COMMAND: Final = 1000
@@ -168,11 +170,7 @@ def _text_cure(error: Misfit) -> str:
     """For a field of text. Quotes are a cure only where the schema takes the same characters as text."""
     value, schema = error.value, error.schema
     if _is_duration(schema):
-        text = f"{json.dumps(value)}ms"
-        example = text if value and re.fullmatch(patterns.DURATION_PATTERN, text) else "30ms"
-        if isinstance(value, float) and 0.001 <= value < 1:  # ROS counts in seconds
-            example = f"{value * 1000:g}ms for {value:g} seconds"
-        return f"write a number and its unit (us, ms, s, m or h), such as {example}"
+        return f"write a number and its unit (us, ms, s, m or h), such as {_duration_of_number(error.path, value)}"
     if isinstance(value, list) and value and all(isinstance(each, str) for each in value):
         return _one_text_cure(error)
     if not isinstance(value, bool | int | float):
@@ -182,6 +180,20 @@ def _text_cure(error: Misfit) -> str:
     if isinstance(value, bool):
         return "put it in quotes (YAML reads yes, no, on and off as true and false)"
     return "put it in quotes, as it is written"
+
+
+def _duration_of_number(path: Path, value: Any) -> str:
+    """Returns the duration that was meant by a number in the unit of its field, or an example where it is no such number.
+
+    A ttl of 3600, as Jobs have it, that became 3600ms would delete an app and its logs at once.
+    """
+    unit, example = ("s", "5m") if path[:2] in _IN_SECONDS else ("ms", "30ms")
+    text = f"{json.dumps(value)}{unit}"
+    if unit == "ms" and isinstance(value, float) and 0.001 <= value < 1:  # ROS counts in seconds
+        return f"{value * 1000:g}ms for {value:g} seconds"
+    if unit == "s" and isinstance(value, int) and 10**6 <= value < 10**9:  # has more digits than a duration
+        return f"{-(-value // 3600)}h"
+    return text if value and re.fullmatch(patterns.DURATION_PATTERN, text) else example
 
 
 def _one_text_cure(error: Misfit) -> str:

@@ -1,6 +1,7 @@
 """Checks of a whole spec that the API server cannot make: what is wrong, most basic first, and what has no effect yet; also of a DomainPool."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 from robotapp_api.checks.command_line import expanded_text_problems, node_name_notes, robot_reference_problems
 from robotapp_api.checks.components import component_notes, component_problems
@@ -14,7 +15,7 @@ from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.recordings.problems import recording_notes, recording_problems
 from robotapp_api.checks.replicas import replica_problems
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
-from robotapp_api.checks.schedules.problems import schedule_problems
+from robotapp_api.checks.schedules.problems import schedule_notes, schedule_problems
 from robotapp_api.checks.sweeps.problems import sweep_problems
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.override import ComponentOverride
@@ -27,7 +28,11 @@ from robotapp_api.values.label_key import value_problem
 from robotapp_api.values.overrides import merge_component
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 from robotapp_api.values.placement.tiers import ROBOT
+from robotapp_api.values.quantities.duration import parse_ns
 from robotapp_api.values.references import unknown_reference
+
+_SHORTEST_TTL_NS: Final = 10_000_000_000
+"""In less time nobody reads a log."""
 
 
 def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -78,6 +83,7 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
     if spec.ros2 is not None and not ros_components(spec):
         yield Note("spec.ros2", "has no effect: no component uses ROS (ros: None), so the app takes no domain")
     yield from _completion_notes(spec)
+    yield from schedule_notes(spec)
     if our_scheduler:
         yield from edge_notes(spec.edges)
     for index, component in enumerate(spec.components):
@@ -91,7 +97,13 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
 
 
 def _completion_notes(spec: RobotAppSpec) -> Iterator[Note]:
-    """Yields that no job is left that could end an instance, because those that count are suspended."""
+    """Yields that the app is deleted at once, and that no job is left that could end an instance, because those that count are suspended."""
+    ttl = spec.completion.ttl if spec.completion is not None else None
+    if ttl is not None and _is_short(ttl):
+        yield Note(
+            "spec.completion.ttl",
+            f"{ttl} after its end the app is deleted with its Jobs and their logs, before anybody has read them; write for example 1h",
+        )
     jobs = [component for component in spec.components if component.ends]
     if spec.completion is not None and spec.completion.success.components:
         jobs = [component for component in jobs if component.name in spec.completion.success.components]
@@ -102,6 +114,13 @@ def _completion_notes(spec: RobotAppSpec) -> Iterator[Note]:
         yield Note(
             field, f"ends no instance: the jobs that count ({names}) are suspended; write replicas: 1 in one of them"
         )
+
+
+def _is_short(ttl: str) -> bool:
+    try:
+        return parse_ns(ttl) < _SHORTEST_TTL_NS
+    except ValueError:  # more than 292 years
+        return False
 
 
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:

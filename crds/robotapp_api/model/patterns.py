@@ -9,10 +9,10 @@ from typing import Final
 LABEL_PATTERN: Final = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
 LABEL_VALUE_PATTERN: Final = r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$"
 SUBDOMAIN_PATTERN: Final = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*$"
-CRON_PATTERN: Final = (
-    "^(@(yearly|annually|monthly|weekly|daily|midnight|hourly)|[0-9A-Za-z*,/-]+( +[0-9A-Za-z*,/-]+){4})$"
-)
-"""Five fields, or a name that CronJobs have for some lines."""
+CRON_NAME_PATTERN: Final = "^@(yearly|annually|monthly|weekly|daily|midnight|hourly)$"
+"""Names that CronJobs have for some lines."""
+CRON_FIELDS_PATTERN: Final = "^[0-9A-Za-z*,/-]+( +[0-9A-Za-z*,/-]+){4}$"
+CRON_PATTERN: Final = f"{CRON_NAME_PATTERN}|{CRON_FIELDS_PATTERN}"
 TIME_ZONE_PATTERN: Final = "^[A-Za-z][A-Za-z0-9_+-]*(/[A-Za-z0-9_+-]+){0,2}$"
 DURATION_PATTERN: Final = r"^([0-9]{1,6}([.][0-9]{1,3})?(us|ms|s|m|h)){1,3}$"
 QUANTITY_PATTERN: Final = (

@@ -1,11 +1,13 @@
 """Strings and numbers with the bounds and patterns of the API."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import Field, StringConstraints, WithJsonSchema
 
 from robotapp_api.model.markers import Rule
 from robotapp_api.model.patterns import (
+    CRON_FIELDS_PATTERN,
+    CRON_NAME_PATTERN,
     CRON_PATTERN,
     DURATION_PATTERN,
     IMAGE_PATTERN,
@@ -48,14 +50,36 @@ Duration = Annotated[
 ]
 """A rule instead of a pattern: the API server shows a pattern as it is, and a rule's message instead of the rule."""
 
+_CRON_ZONE: Final = "^(CRON_)?TZ="
+_FIVE_FIELDS: Final = "^ *[^ ]+( +[^ ]+){4} *$"
+"""Five words of any characters: a line that has them is refused for another reason than their number."""
+
 CronLine = Annotated[
     str,
     StringConstraints(max_length=100, pattern=CRON_PATTERN),
     WithJsonSchema({"type": "string", "maxLength": 100}),
     Rule(
-        rule=f"self.matches('{CRON_PATTERN}')",
-        message="write minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, @monthly or @yearly, "
-        "not @every",
+        rule="!self.startsWith('@every')",
+        message="a schedule has times of day and no intervals; write for example */5 * * * * for every five minutes, or @hourly",
+    ),
+    Rule(
+        rule=f"!self.startsWith('@') || self.startsWith('@every') || self.matches('{CRON_NAME_PATTERN}')",
+        message="the names are @hourly, @daily or @midnight, @weekly, @monthly, @yearly or @annually, in small letters; write one of them, "
+        "or five fields, for example 0 2 * * *",
+    ),
+    Rule(
+        rule=f"!self.matches('{_CRON_ZONE}')",
+        message="a cron line has no time zone; write it into timeZone, and the five fields alone here",
+    ),
+    Rule(
+        rule=f"self.startsWith('@') || self.matches('{_CRON_ZONE}') || self.matches('{_FIVE_FIELDS}')",
+        message="write five fields: minute, hour, day of the month, month and day of the week, for example 0 2 * * *",
+        expression="'%d fields are written; write five: minute, hour, day of the month, month and day of the week, for example 0 2 * * *'"
+        ".format([self.split(' ').filter(f, f != '').size()])",
+    ),
+    Rule(
+        rule=f"self.startsWith('@') || self.matches('{_CRON_ZONE}') || !self.matches('{_FIVE_FIELDS}') || self.matches('{CRON_FIELDS_PATTERN}')",
+        message="fields have digits, letters and * , - / alone, with blanks between them; write * for every one, for example 0 2 * * *",
     ),
 ]
 TimeZone = Annotated[

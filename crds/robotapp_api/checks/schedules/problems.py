@@ -1,11 +1,11 @@
-"""Finds schedules that are never due, or in time zones that do not exist."""
+"""Finds schedules that are never due, less often than they seem, or in time zones that do not exist."""
 
 from collections.abc import Iterator
 
-from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import QUEUE_NAME
-from robotapp_api.values.schedules.due_times import parse_due_times, parse_time_zone
+from robotapp_api.values.schedules.due_times import describe_long_step, parse_due_times, parse_time_zone
 
 
 def schedule_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -24,6 +24,13 @@ def schedule_problems(spec: RobotAppSpec) -> Iterator[Problem]:
             parse_due_times(schedule.cron, schedule.time_zone)
         except ValueError as error:
             yield invalid(f"{at}.cron", str(error))
+
+
+def schedule_notes(spec: RobotAppSpec) -> Iterator[Note]:
+    """Yields each line that is due less often than it seems."""
+    for index, component in enumerate(spec.components):
+        if component.schedule is not None and (text := describe_long_step(component.schedule.cron)):
+            yield Note(f"spec.components[{index}].schedule.cron", text)
 
 
 def queue_problems(spec: RobotAppSpec, queue: str) -> Iterator[Problem]:

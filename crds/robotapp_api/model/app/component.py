@@ -101,8 +101,8 @@ class Schedule(Model):
     """The clock by which the job of a component runs again and again."""
 
     cron: CronLine
-    """Minute, hour, day of the month, month and day of the week, for example 0 2 * * * for every night at two; or @hourly, @daily,
-    @weekly, @monthly, @yearly."""
+    """Minute, hour, day of the month, month and day of the week, for example 0 2 * * * for every night at two; or @hourly, @daily
+    or @midnight, @weekly, @monthly, @yearly or @annually."""
     time_zone: TimeZone = "UTC"
     """Time zone of the line: a name of the IANA database, such as Europe/Athens."""
     starting_deadline_seconds: Annotated[int, Field(ge=10, le=86_400)] = 600

@@ -20,11 +20,18 @@ from robotapp_api.model.scalars import DnsLabel, Duration
 _NAMES = "self.components.map(c, c.name)"
 _JOBS = "self.components.filter(j, has(j.job) && !has(j.schedule)).map(j, j.name)"
 """The components that end; one with schedule comes back."""
+_WITH_SCHEDULE = "self.components.filter(j, has(j.schedule)).map(j, j.name)"
 _BY_STATUS = (
-    f"sets.contains({_JOBS}, c.dependsOn.filter(d, d.status == 'Complete').map(d, d.component)) && "
-    "sets.contains(self.components.filter(j, !has(j.job)).map(j, j.name), c.dependsOn.filter(d, d.status == 'Ready').map(d, d.component))"
+    "sets.contains(self.components.filter(j, has(j.job) || has(j.schedule)).map(j, j.name), c.dependsOn.filter(d, d.status == 'Complete').map(d, d.component)) && "
+    "sets.contains(self.components.filter(j, !has(j.job) || has(j.schedule)).map(j, j.name), c.dependsOn.filter(d, d.status == 'Ready').map(d, d.component))"
 )
-"""Whether a component waits for each other one as what it is."""
+"""Whether a component waits for each other one as what it is. One with schedule has a rule of its own."""
+_DEPENDENCIES = "c.dependsOn.map(d, d.component)"
+_AFTER_SCHEDULE = (
+    f"has(c.dependsOn) && sets.contains({_NAMES}, {_DEPENDENCIES}) && "
+    f"!sets.contains(self.components.filter(j, !has(j.schedule)).map(j, j.name), {_DEPENDENCIES})"
+)
+"""Whether a component waits for one with schedule."""
 
 
 def _known(field: str, *, has: str, advice: str) -> Rule:
@@ -71,7 +78,16 @@ class Completion(Model):
 
     success: Success = Success()
     """Which jobs must complete."""
-    deadline: Duration | None = None
+    deadline: (
+        Annotated[
+            Duration,
+            Rule(
+                rule="!self.matches('^(0+([.]0+)?[a-z]+)+$')",
+                message="deadline must be above zero, or the instance fails at once; write for example 30m, or leave it out for no limit",
+            ),
+        ]
+        | None
+    ) = None
     """How long the jobs may take together, from the first one's creation; then the instance has failed. Time in which they are suspended or
     wait in a queue does not count. With maxRestarts it is one limit for all attempts. Absent means no limit."""
     max_restarts: Annotated[int, Field(ge=0, le=10)] = 0
@@ -108,8 +124,14 @@ class RobotAppSpec(Model):
         ),
         Rule(
             rule=f"self.components.all(c, !has(c.dependsOn) || {_BY_STATUS})",
-            message="dependsOn waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends; nothing waits for one with schedule",
-            expression=f"'dependsOn of %s waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {{}} in a component that ends (jobs are %s); nothing waits for one with schedule'.format([self.components.filter(c, has(c.dependsOn) && !({_BY_STATUS})).map(c, c.name), {_JOBS}])",
+            message="dependsOn waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends",
+            expression=f"'dependsOn of %s waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {{}} in a component that ends (jobs are %s)'.format([self.components.filter(c, has(c.dependsOn) && !({_BY_STATUS})).map(c, c.name), {_JOBS}])",
+            path=".components",
+        ),
+        Rule(
+            rule=f"self.components.all(c, !({_AFTER_SCHEDULE}))",
+            message="dependsOn waits for no component with schedule, which comes back and is never complete; remove it from dependsOn, or schedule there",
+            expression=f"'dependsOn of %s names a component with schedule (%s), which comes back and is never complete; remove it from dependsOn, or schedule there'.format([self.components.filter(c, {_AFTER_SCHEDULE}).map(c, c.name), {_WITH_SCHEDULE}])",
             path=".components",
         ),
         Rule(
@@ -151,7 +173,7 @@ class RobotAppSpec(Model):
             path=".components",
         ),
         Rule(
-            rule=f"!has(self.matrix) || {_JOBS}.size() > 0",
+            rule="!has(self.matrix) || self.components.exists(c, has(c.job))",
             message="an instance of a sweep ends with its components that have job, and none has it, so later ones would wait for ever; write job: {} where the program ends, and completion: {} if others run on",
             path=".components",
         ),

@@ -4,13 +4,16 @@ Where clocks are set forward, a time of day that does not exist is due when the 
 exists twice is due the first time. Lines whose minute or hour begins with a star follow the real time.
 """
 
+import re
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 from zoneinfo import ZoneInfo
 
 from cronsim import CronSim, CronSimError
+
+from robotapp_api.model.patterns import CRON_PATTERN
 
 MACROS: Final = {
     "@yearly": "0 0 1 1 *",
@@ -22,7 +25,7 @@ MACROS: Final = {
     "@hourly": "0 * * * *",
 }
 """Names that CronJobs have for some lines."""
-_FIELDS: Final = 5
+_ANY_TIME: Final = datetime(2026, 1, 1, tzinfo=UTC)
 _FIRST_WINDOW: Final = timedelta(minutes=2)
 _WINDOW_GROWTH: Final = 8
 _FIELDS_TEXT: Final = (
@@ -30,6 +33,28 @@ _FIELDS_TEXT: Final = (
 )
 _ZONES_OF_MACHINES: Final = frozenset({"local", "localtime", "posixrules", "factory"})
 """Names that mean another zone on each machine."""
+
+
+class _Field(NamedTuple):
+    name: str
+    first: int
+    last: int
+    of: str
+    """Whose part it is: steps begin anew with each of these."""
+    names: str = ""
+
+    @property
+    def allowed(self) -> str:
+        return f"{self.first}-{self.last}{self.names}"
+
+
+_FIELDS: Final = (
+    _Field("minute", 0, 59, "hour"),
+    _Field("hour", 0, 23, "day"),
+    _Field("day of the month", 1, 31, "month"),
+    _Field("month", 1, 12, "year", " or JAN-DEC"),
+    _Field("day of the week", 0, 6, "week", " or SUN-SAT"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,26 +102,51 @@ def parse_due_times(cron: str, time_zone: str) -> DueTimes:
 
 
 def _parse_line(cron: str) -> str:
-    if cron.startswith("@every"):
-        raise ValueError(f"{cron!r} has no time of day; write for example */15 * * * * or @hourly")
-    if cron.startswith("@") and cron not in MACROS:
-        raise ValueError(f"{cron!r} is none of {', '.join(MACROS)}; {_FIELDS_TEXT}")
-    if cron.startswith(("TZ=", "CRON_TZ=")):
-        raise ValueError(f"{cron!r} names a time zone; write it into timeZone, and the five fields alone here")
+    if not re.search(CRON_PATTERN, cron) or cron.endswith("\n"):
+        raise ValueError(f"{cron!r} is no cron line; {_FIELDS_TEXT}")
     line = MACROS.get(cron, cron)
-    if len(line.split()) != _FIELDS:
-        raise ValueError(f"{cron!r} has {len(line.split())} fields; {_FIELDS_TEXT}")
     try:
-        begin = datetime(2026, 1, 1, tzinfo=UTC)
-        is_ever_due = next(CronSim(line, begin), None) is not None
+        is_ever_due = next(CronSim(line, _ANY_TIME), None) is not None
     except CronSimError as error:
-        field = str(error).removeprefix("Bad ")
-        raise ValueError(
-            f"{cron!r} has a {field} that does not exist, or never in its months; {_FIELDS_TEXT}"
-        ) from error
+        raise ValueError(f"{cron!r}: {_describe_mistake(line)}") from error
     if not is_ever_due:
         raise ValueError(f"{cron!r} is never due; {_FIELDS_TEXT}")
     return line
+
+
+def _describe_mistake(line: str) -> str:
+    """Returns the first part of a line that is not possible by itself, and what to write there."""
+    for position, (field, written) in enumerate(zip(_FIELDS, line.split(), strict=True)):
+        for term in written.split(","):
+            fields = ["*"] * len(_FIELDS)
+            fields[position] = term
+            try:
+                CronSim(" ".join(fields), _ANY_TIME)
+            except CronSimError:
+                return f"{term!r} is not possible as {field.name}; {_cure_term(field, term)}"
+    return "no month that it names has such a day; write a day that one of them has"
+
+
+def _cure_term(field: _Field, term: str) -> str:
+    numbers = [int(number) for number in term.split("-")] if re.fullmatch("[0-9]{1,2}-[0-9]{1,2}", term) else []
+    if numbers and field.last >= numbers[0] > numbers[1] >= field.first:
+        return f"a range ends with the later time; write {numbers[0]}-{field.last},{field.first}-{numbers[1]}"
+    return f"write {field.allowed}, ranges of these from the earlier to the later, lists, or steps of at least 1 such as */2"
+
+
+def describe_long_step(cron: str) -> str:
+    """Returns that a step is longer than its field, so that it comes once and not that often; "" without one."""
+    for field, written in zip(_FIELDS, MACROS.get(cron, cron).split(), strict=True):
+        for term in written.split(","):
+            step = re.fullmatch(r"(\*|[0-9]+)/([0-9]+)", term)
+            first = field.first if step is None or step[1] == "*" else int(step[1])
+            # A step as long as the field, such as */60 minutes, comes as often as it is written.
+            if step is not None and int(step[2]) > field.last - field.first + 1:
+                return (
+                    f"{term} as {field.name} is due at {first} alone, because steps begin anew with each {field.of}; "
+                    f"write {first} for that, or a step of at most {field.last}"
+                )
+    return ""
 
 
 def parse_time_zone(name: str) -> ZoneInfo:

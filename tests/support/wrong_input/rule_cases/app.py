@@ -64,19 +64,25 @@ APP = [
         "a job completes",
         _after("Complete", job={}),
         _after("Ready", job={}),
-        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are ["saver"]); nothing waits for one with schedule',
+        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are ["saver"])',
     ),
     RuleCase(
         "what is no job is ready",
         _after("Ready"),
         _after("Complete"),
-        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are []); nothing waits for one with schedule',
+        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are [])',
     ),
     RuleCase(
         "completion takes a job",
         _completion(job={}),
         _completion(),
         "completion is about components that end, and none does (one with schedule comes back); write job: {} in one, or remove completion",
+    ),
+    RuleCase(
+        "a deadline of jobs is above zero",
+        app(components=[component("saver", job={})], completion={"deadline": "0h0.01s"}),
+        app(components=[component("saver", job={})], completion={"deadline": "0h0s"}),
+        "deadline must be above zero, or the instance fails at once; write for example 30m, or leave it out for no limit",
     ),
     RuleCase(
         "completion counts jobs",
@@ -88,7 +94,7 @@ APP = [
         "nothing waits for what comes back",
         _after("Complete", job={}),
         _after("Complete", job={}, schedule={"cron": "@daily"}),
-        'dependsOn of ["planner"] waits for a job with status: Complete, and for others with status: Ready; write that status, or job: {} in a component that ends (jobs are []); nothing waits for one with schedule',
+        'dependsOn of ["planner"] names a component with schedule (["saver"]), which comes back and is never complete; remove it from dependsOn, or schedule there',
     ),
     RuleCase(
         "what comes back completes nothing",

@@ -193,10 +193,34 @@ COMPONENT = [
         "component driver: schedule runs a program that ends again and again; write job: {} beside it, or remove schedule",
     ),
     RuleCase(
-        "a cron line has five fields",
+        "a schedule has no intervals",
         app(components=[component(job={}, schedule={"cron": "@hourly"})]),
         app(components=[component(job={}, schedule={"cron": "@every 5m"})]),
-        "write minute, hour, day of the month, month and day of the week, for example 0 2 * * *, or @hourly, @daily, @weekly, @monthly or @yearly, not @every",
+        "a schedule has times of day and no intervals; write for example */5 * * * * for every five minutes, or @hourly",
+    ),
+    RuleCase(
+        "a name of a cron line is one that CronJobs have",
+        app(components=[component(job={}, schedule={"cron": "@midnight"})]),
+        app(components=[component(job={}, schedule={"cron": "@reboot"})]),
+        "the names are @hourly, @daily or @midnight, @weekly, @monthly, @yearly or @annually, in small letters; write one of them, or five fields, for example 0 2 * * *",
+    ),
+    RuleCase(
+        "a cron line has no time zone",
+        app(components=[component(job={}, schedule={"cron": "0 2 * * *"})]),
+        app(components=[component(job={}, schedule={"cron": "CRON_TZ=Europe/Athens 0 2 * * *"})]),
+        "a cron line has no time zone; write it into timeZone, and the five fields alone here",
+    ),
+    RuleCase(
+        "a cron line has five fields",
+        app(components=[component(job={}, schedule={"cron": "0 2 * * *"})]),
+        app(components=[component(job={}, schedule={"cron": "0 0 2 * * *"})]),
+        "6 fields are written; write five: minute, hour, day of the month, month and day of the week, for example 0 2 * * *",
+    ),
+    RuleCase(
+        "fields of a cron line have some characters",
+        app(components=[component(job={}, schedule={"cron": "0 2 * * MON-FRI"})]),
+        app(components=[component(job={}, schedule={"cron": "0 2 ? * *"})]),
+        "fields have digits, letters and * , - / alone, with blanks between them; write * for every one, for example 0 2 * * *",
     ),
     RuleCase(
         "a time zone is a name",

@@ -185,3 +185,20 @@ def test_a_sweep_without_any_job_has_one_mistake(completion: dict[str, Any]) -> 
     matrix = {"parameters": [{"name": "seed", "values": ["1", "2"]}]}
     (mistake,) = found(app(components=[component("sim")], matrix=matrix, **completion))
     assert "none has it" in mistake.message
+
+
+@pytest.mark.parametrize("completion", [{}, {"completion": {}}])
+def test_a_schedule_in_a_sweep_has_one_mistake_which_is_the_schedule(completion: dict[str, Any]) -> None:
+    matrix = {"parameters": [{"name": "seed", "values": ["1", "2"]}]}
+    nightly = component("sim", job={}, schedule={"cron": "@daily"})
+    (mistake,) = found(app(components=[nightly], matrix=matrix, **completion))
+    assert mistake.message.endswith("remove schedule, or matrix")
+
+
+@pytest.mark.parametrize("status", ["Ready", "Complete"])
+def test_a_component_that_waits_for_a_schedule_has_one_mistake_whatever_status_it_waits_for(status: str) -> None:
+    nightly = component("backup", job={}, schedule={"cron": "@daily"})
+    waiting = component("planner", dependsOn=[{"component": "backup", "status": status}])
+    (mistake,) = found(app(components=[nightly, waiting]))
+    assert '["backup"]' in mistake.message
+    assert "write that status" not in mistake.message

@@ -41,6 +41,20 @@ def found(obj: dict[str, Any]) -> list[Located]:
     return lint(json.dumps(obj, ensure_ascii=False).encode()).findings
 
 
+def duration_cure(field: str, value: Any) -> str:
+    """Returns the example in the cure of a duration that is not text."""
+    parent, _, name = field.rpartition(".")
+    (finding,) = [
+        finding
+        for finding in found(with_field("RobotApp", parent, {name: value}))
+        if finding.severity is Severity.ERROR
+    ]
+    assert finding.path == field.replace("[]", "[0]")
+    begin, cure = finding.message.split("; write a number and its unit (us, ms, s, m or h), such as ")
+    assert begin
+    return cure
+
+
 def only(obj: dict[str, Any]) -> tuple[str, str]:
     (finding,) = found(obj)
     return finding.path, finding.message
@@ -277,21 +291,18 @@ class TestValues:
 
     @pytest.mark.parametrize("field", DURATIONS)
     def test_a_duration_without_unit_is_told_to_have_one(self, field: str) -> None:
-        parent, _, name = field.rpartition(".")
-        for value, example in (
-            (30, "30ms"),
-            (1.5, "1.5ms"),
-            (0, "30ms"),
-            (-1, "30ms"),
-            (0.05, "50ms for 0.05 seconds"),
-            (True, "30ms"),
-        ):
-            findings = found(with_field("RobotApp", parent, {name: value}))
-            (finding,) = [each for each in findings if each.severity is Severity.ERROR]
-            assert finding.path == field.replace("[]", "[0]")
-            assert finding.message.endswith(f"; write a number and its unit (us, ms, s, m or h), such as {example}"), (
-                finding.message
-            )
+        examples = (
+            {30: "30ms", 1.5: "1.5ms", 0: "30ms", -1: "30ms", 0.05: "50ms for 0.05 seconds", "yes": "30ms"}
+            if field.startswith(("spec.components", "spec.edges"))
+            else {30: "30s", 1.5: "1.5s", 0: "5m", -1: "5m", 0.05: "0.05s", "yes": "5m"}
+        )
+        for value, example in examples.items():
+            assert duration_cure(field, True if value == "yes" else value) == example
+
+    @pytest.mark.parametrize("field", ["spec.completion.ttl", "spec.completion.deadline"])
+    def test_whole_seconds_of_another_api_stay_seconds(self, field: str) -> None:
+        assert duration_cure(field, 3600) == "3600s"
+        assert duration_cure(field, 31_536_000) == "8760h"
 
     def test_every_duration_of_an_app_is_in_the_list_above(self) -> None:
         named = {field.replace("requestedQos", "qos") for field in DURATIONS}

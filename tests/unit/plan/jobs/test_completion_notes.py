@@ -34,6 +34,17 @@ def test_an_app_without_completion_is_told_nothing() -> None:
     assert notes_of({"name": "sim", "replicas": 0}) == []
 
 
+@pytest.mark.parametrize(
+    ("ttl", "has_note"),
+    [("0s", True), ("3600ms", True), ("9s", True), ("10s", False), ("1h", False), ("999999h999999h999999h", False)],
+)
+def test_a_ttl_in_which_nobody_reads_a_log_has_a_note(ttl: str, has_note: bool) -> None:
+    part = {"name": "save", "image": "team/save:1", "job": {}}
+    spec = RobotAppSpec.model_validate({"ros": {"distro": "jazzy"}, "components": [part], "completion": {"ttl": ttl}})
+    notes = [note for note in spec_notes(spec) if note.field == "spec.completion.ttl"]
+    assert [ttl in note.message and "1h" in note.message for note in notes] == [True] * has_note
+
+
 def test_a_sweep_without_any_job_is_refused_for_that_and_told_nothing_else() -> None:
     parts = [{"name": "sim", "image": "team/sim:1"}]
     spec = RobotAppSpec.model_validate({"ros": {"distro": "jazzy"}, "components": parts, "matrix": MATRIX})

@@ -454,8 +454,8 @@ def test_before_the_first_run_the_component_is_ready_and_says_when_it_is() -> No
 @pytest.mark.parametrize(
     ("schedule", "words"),
     [
-        ({"cron": "0 0 30 2 *"}, ("spec.components[0].schedule.cron", "does not exist, or never in its months")),
-        ({"cron": "99 * * * *"}, ("spec.components[0].schedule.cron", "write five fields")),
+        ({"cron": "0 0 30 2 *"}, ("spec.components[0].schedule.cron", "no month that it names has such a day")),
+        ({"cron": "99 * * * *"}, ("spec.components[0].schedule.cron", "write 0-59")),
         (
             {"cron": "0 2 * * *", "timeZone": "Europe/Atlantis"},
             ("spec.components[0].schedule.timeZone", "Europe/Athens"),
