@@ -16,7 +16,7 @@ from robotapp_cli.reading.pods import (
 )
 from robotapp_cli.reading.runs import ENDED, JobRun, Run, has_ended, list_runs
 from robotapp_cli.reading.session import Session
-from robotapp_cli.working.runs import delete_job
+from robotapp_cli.working.runs import SCHEDULED_LATER, delete_job, refuse_scheduled
 from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS
 from robotapp_client.tools.rollout import restart_deployment
 
@@ -52,8 +52,7 @@ async def restart_components(session: Session, selection: Selection) -> None:
     runs = await _list_selected_runs(session, app, selection)
     selected = [job for run in runs for job in run.jobs if is_selected(job.obj, app, selection)]
     if not deployments and selected and all(job.due for job in selected):
-        name = selection.component or "a job with schedule"
-        raise CliError(f"{name} runs when it is due, not before; kubectl robotapp info {selection.app} has the time")
+        raise refuse_scheduled(session, selection.app, selected)
     jobs = [job for run in runs for job in list_repeated(app, run, selection)] if not deployments else []
     if not (deployments or jobs) or app["spec"].get("suspend"):
         raise explain_no_pods(app, selection)
@@ -78,7 +77,7 @@ async def restart_components(session: Session, selection: Selection) -> None:
         names = ", ".join(sorted({job.component for job in jobs}))
         print_line(f"{text}: {len(jobs)} job{' runs' if len(jobs) == 1 else 's run'} once more ({names})")
         if any(job.due for job in selected):
-            print_line("Those with schedule run when they are due")
+            print_line(SCHEDULED_LATER)
         print_line(f"Follow it: kubectl robotapp runs {selection.app}")
 
 

@@ -195,8 +195,10 @@ def test_a_job_with_schedule_is_shown_with_its_due_time_and_never_repeated(stage
     stage.add(JOBS, last, mark)
     (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
     assert [each["dueTime"] for each in run["jobs"]] == ["2026-01-01T00:00:00Z"]
-    assert "no failed job; nothing was changed" in stage.text("runs", "teleop", "--failed")
-    assert "sim runs when it is due, not before" in stage.run("restart", "teleop", "sim").output
+    for arguments in (("runs", "teleop", "--failed"), ("restart", "teleop", "sim"), ("restart", "teleop")):
+        refusal = stage.run(*arguments)
+        assert refusal.exit_code == 1
+        assert "sim runs when it is due, not before; kubectl robotapp info teleop has the time" in refusal.output
     assert len(names_of_jobs(stage)) == 2
 
 
@@ -215,6 +217,20 @@ def test_restart_leaves_jobs_with_schedule_to_their_time_and_runs_the_others_aga
     stage.add(JOBS, last, job("a", "Complete"))
     assert stage.text("restart", "teleop").splitlines() == [
         "teleop: 1 job runs once more (sim)",
+        "Those with schedule run when they are due",
+        "Follow it: kubectl robotapp runs teleop",
+    ]
+    assert names_of_jobs(stage) == ["teleop-a-upload"]
+
+
+def test_a_failed_job_with_schedule_beside_one_that_is_repeated_is_left_to_its_time(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Degraded"))
+    nightly = job("a", "Failed", component="upload")
+    nightly["metadata"]["annotations"]["robotics.io/due-at"] = "2026-01-01T00:00:00Z"
+    stage.add(JOBS, job("a", "Failed"), nightly)
+    assert stage.text("runs", "teleop", "--failed").splitlines() == [
+        "a: sim runs once more",
         "Those with schedule run when they are due",
         "Follow it: kubectl robotapp runs teleop",
     ]
