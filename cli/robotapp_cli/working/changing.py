@@ -32,12 +32,12 @@ async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
     await session.client.patch(ROBOTAPPS, name, patch, namespace=session.home)
     if suspend and has_ended(app):
         print_line(f"{name} is suspended; it had ended before, so it has no pods, domain or devices")
-        print_line(f"No job of it runs again until: kubectl robotapp resume {name}")
+        print_line(f"No job of it runs again until: {session.write_command('resume', name)}")
     elif suspend:
         print_line(f"{name} is suspended: its pods end, it keeps its domain and gives its devices back")
-        print_line(f"Start it again: kubectl robotapp resume {name}")
+        print_line(f"Start it again: {session.write_command('resume', name)}")
     else:
-        print_line(f"{name} is resumed; follow it: kubectl robotapp info {name} -w")
+        print_line(f"{name} is resumed; follow it: {session.write_command('info', name, '-w')}")
 
 
 async def restart_components(session: Session, selection: Selection) -> None:
@@ -55,7 +55,7 @@ async def restart_components(session: Session, selection: Selection) -> None:
         raise refuse_scheduled(session, selection.app, selected)
     jobs = [job for run in runs for job in list_repeated(app, run, selection)] if not deployments else []
     if not (deployments or jobs) or app["spec"].get("suspend"):
-        raise explain_no_pods(app, selection)
+        raise explain_no_pods(session, app, selection)
     accepted = condition(app, Condition.ACCEPTED)
     if jobs and accepted.get("status") == "False":
         raise CliError(f"no job of {selection.app} would be made, so none was deleted: {accepted.get('message', '')}")
@@ -71,14 +71,15 @@ async def restart_components(session: Session, selection: Selection) -> None:
             f"{text}: pods of {count} Deployment{'' if count == 1 else 's'} are replaced; domain and devices stay"
         )
         if any(not job.due for run in runs for job in run.jobs):
-            print_line(f"Its jobs are left alone; to run one again: kubectl robotapp restart {selection.app} COMPONENT")
-        print_line(f"Follow it: kubectl robotapp info {selection.app} -w")
+            command = session.write_command("restart", selection.app, "COMPONENT")
+            print_line(f"Its jobs are left alone; to run one again: {command}")
+        print_line(f"Follow it: {session.write_command('info', selection.app, '-w')}")
     else:
         names = ", ".join(sorted({job.component for job in jobs}))
         print_line(f"{text}: {len(jobs)} job{' runs' if len(jobs) == 1 else 's run'} once more ({names})")
         if any(job.due for job in selected):
             print_line(SCHEDULED_LATER)
-        print_line(f"Follow it: kubectl robotapp runs {selection.app}")
+        print_line(f"Follow it: {session.write_command('runs', selection.app)}")
 
 
 async def _list_selected_runs(session: Session, app: Json, selection: Selection) -> list[Run]:

@@ -88,7 +88,7 @@ async def fetch_app_with_jobs(session: Session, name: str) -> Json:
     app = await session.client.get(ROBOTAPPS, name, namespace=session.home)
     if not any(component.get("job") is not None for component in app["spec"]["components"]):
         raise CliError(
-            f"{name} has no component with job, so its programs run on; kubectl robotapp info {name} shows them",
+            f"{name} has no component with job, so its programs run on; {session.write_command('info', name)} shows them",
             code=Exit.NOT_FOUND,
         )
     return app
@@ -103,7 +103,7 @@ async def repeat_failed(session: Session, name: str) -> None:
     app = await fetch_app_with_jobs(session, name)
     runs = await list_runs(session, app)
     if app["spec"].get("suspend"):
-        raise CliError(f"{name} is suspended; start it with: kubectl robotapp resume {name}")
+        raise CliError(f"{name} is suspended; start it with: {session.write_command('resume', name)}")
     # A run whose other components wait for a failed job has not ended, and never will.
     has_deadline = bool((app["spec"].get("completion") or {}).get("deadline"))
     candidates = [
@@ -125,7 +125,7 @@ async def repeat_failed(session: Session, name: str) -> None:
         print_line(f"{run.instance.name or name}: {job.component} runs once more")
     if scheduled_jobs:
         print_line(SCHEDULED_LATER)
-    print_line(f"Follow it: kubectl robotapp runs {name}")
+    print_line(f"Follow it: {session.write_command('runs', name)}")
 
 
 def refuse_scheduled(session: Session, app: str, jobs: Sequence[JobRun]) -> CliError:

@@ -237,6 +237,29 @@ def test_a_failed_job_with_schedule_beside_one_that_is_repeated_is_left_to_its_t
     assert names_of_jobs(stage) == ["teleop-a-upload"]
 
 
+HINTS = [
+    (("restart", "teleop"), "Follow it: kubectl robotapp runs teleop"),
+    (("runs", "teleop", "--failed"), "Follow it: kubectl robotapp runs teleop"),
+    (("suspend", "teleop"), "Start it again: kubectl robotapp resume teleop"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "hint"), HINTS)
+def test_a_hint_has_the_namespace_and_cluster_of_its_command_so_that_it_can_be_pasted(
+    stage: Stage, arguments: tuple[str, ...], hint: str
+) -> None:
+    fill(stage)
+    options = ("-n", "fleet", "--context", "x", "--kubeconfig", str(stage.kubeconfig))
+    written = f"-n fleet --context x --kubeconfig {stage.kubeconfig}"
+    assert f"{hint} {written}" in " ".join(stage.text(*arguments, *options).split())
+
+
+def test_hints_of_errors_have_the_namespace_too(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep() | {"spec": sweep()["spec"] | {"suspend": True}})
+    assert "follow it: kubectl robotapp info teleop -w -n fleet" in stage.text("resume", "teleop", "-n", "fleet")
+    assert "kubectl robotapp info teleop -n fleet has the reason" in stage.run("logs", "teleop", "-n", "fleet").output
+
+
 def names_of_jobs(stage: Stage) -> list[str]:
     return sorted(key.name for key in stage.api.store.objects if key.collection == JOBS)
 
