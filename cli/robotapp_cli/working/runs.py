@@ -80,6 +80,8 @@ def list_cells(run: Run, parameters: Sequence[str]) -> Sequence[str]:
         f"{component} {code}" if len(run.jobs) > 1 else str(code) for component, code in codes.items()
     )
     phase = f"{run.phase}, restarts: {run.restarts}" if run.restarts else run.phase
+    if (last_job := run.last_scheduled_job) is not None:
+        phase += f", last run: {f'{last_job.component} ' if len(run.jobs) > 1 else ''}{last_job.result}"
     return run.instance.name or "-", values, phase, "" if seconds is None else elapsed(seconds), exit_text
 
 

@@ -123,6 +123,60 @@ def test_a_run_that_was_started_again_has_how_often(stage: Stage) -> None:
     assert (runs["a"]["restarts"], runs["a"]["jobs"][0]["attempt"]) == (0, 0)
 
 
+@pytest.mark.parametrize("is_between_attempts", [False, True])
+def test_the_duration_of_a_run_that_was_started_again_begins_with_its_first_attempt(
+    stage: Stage, is_between_attempts: bool
+) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    again = run_object("a", "Pending" if is_between_attempts else "Completed")
+    again["status"]["restarts"] = {"count": 1, "attempt": 1, "began": "2025-12-31T23:59:00Z"}
+    second = job("a", "Complete", seconds=40)
+    second["metadata"]["annotations"]["robotics.io/began"] = "2025-12-31T23:59:00Z"
+    stage.add(INSTANCES, again)
+    stage.add(JOBS, *([] if is_between_attempts else [second]))
+    (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+    assert run["startTime"] == "2025-12-31T23:59:00Z"
+    assert is_between_attempts or run["seconds"] == 100.0
+
+
+def test_what_somebody_writes_as_the_beginning_of_a_run_is_none(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Completed"))
+    for text in ("yesterday", "2026-01-01T00:00:30Z"):
+        strange = job("a", "Complete", seconds=40)
+        strange["metadata"]["annotations"]["robotics.io/began"] = text
+        stage.add(JOBS, strange)
+        (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+        assert run["seconds"] == 40.0
+
+
+def scheduled_job(component: str, *conditions: str, seconds: int = 0, started: str = "") -> Json:
+    built = job("a", *conditions, seconds=seconds, component=component)
+    built["metadata"]["annotations"]["robotics.io/due-at"] = "2026-01-01T00:00:00Z"
+    built["status"] |= {"startTime": started} if started else {}
+    return built
+
+
+def test_the_duration_of_an_app_that_has_only_schedules_is_that_of_its_last_run(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Running"))
+    stage.add(JOBS, scheduled_job("sim", "Complete", seconds=40))
+    (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+    assert (run["seconds"], run["endTime"]) == (40.0, "2026-01-01T00:00:40Z")
+    assert "Running, last run: Complete 40s" in " ".join(stage.text("runs", "teleop").split())
+    stage.add(JOBS, scheduled_job("upload", "Failed", started="2026-01-01T00:00:50Z"))
+    assert "Running, last run: upload Failed 10s" in " ".join(stage.text("runs", "teleop").split())
+
+
+def test_runs_of_a_schedule_are_no_part_of_the_duration_of_other_jobs(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Completed"))
+    nightly = scheduled_job("upload", "Complete", seconds=59, started="2025-12-31T22:00:00Z")
+    stage.add(JOBS, job("a", "Complete", seconds=40), nightly)
+    (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+    assert (run["startTime"], run["seconds"]) == ("2026-01-01T00:00:00Z", 40.0)
+
+
 def test_failed_runs_are_repeated_and_others_are_left_alone(stage: Stage) -> None:
     fill(stage)
     printed = stage.text("runs", "teleop", "--failed")
