@@ -79,7 +79,7 @@ async def show_info(session: Session, name: str, robot: str | None = None) -> No
     )
     _print_head(app)
     _print_conditions(app)
-    _print_instances(app, instances, wide=session.options.output is Output.WIDE, all_of_them=robot is None)
+    _print_instances(session, app, instances, all_of_them=robot is None)
     _print_events(listing.items)
 
 
@@ -129,8 +129,9 @@ def _boring(condition: Json) -> bool:
     return condition["type"] in _GOOD_WHEN_FALSE and condition["status"] == "False"
 
 
-def _print_instances(app: Json, instances: list[Instance], *, wide: bool, all_of_them: bool) -> None:
+def _print_instances(session: Session, app: Json, instances: list[Instance], *, all_of_them: bool) -> None:
     """Those in trouble in full; of an app of many robots the others as a line each."""
+    wide = session.options.output is Output.WIDE
     full = in_full(instances, everything=wide or not all_of_them)
     for each in full:
         _print_instance(app, each, wide=wide)
@@ -141,9 +142,8 @@ def _print_instances(app: Json, instances: list[Instance], *, wide: bool, all_of
             [name_instance_kind(app).upper(), "READY", "PHASE", "DOMAIN", "BUDGET", "DEVICES", "NODES"],
             map(_line, others),
         )
-        name = meta(app)["name"]
-        hint = f"One of them in full: kubectl robotapp info {name} --robot {others[0].name}; all of them: -o wide"
-        print_line(hint)
+        command = session.write_command("info", str(meta(app)["name"]), "--robot", others[0].name)
+        print_line(f"One of them in full: {command}; all of them: -o wide")
     missing = (status(app).get("instanceCounts") or {}).get("desired", 0) - len(instances)
     if all_of_them and missing > 0:
         blank_line()

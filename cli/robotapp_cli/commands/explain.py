@@ -84,7 +84,7 @@ async def show_explain(session: Session, question: Question) -> None:
     shown = in_full(found, everything=_everything(session, question)) or found[:1]
     async with connect(session, url=question.scheduler_url, namespace=question.scheduler_namespace) as link:
         views = [await _instance(app, pods, instance=each, question=question, link=link) for each in shown]
-    note = "\n".join(filter(None, (note_of(link, views), _left_out(len(found) - len(shown), question.name))))
+    note = "\n".join(filter(None, (note_of(link, views), _left_out(session, len(found) - len(shown), question.name))))
     if session.options.output.structured:
         instances = msgspec.to_builtins(views)
         source = "conditions" if link.problem or _missing(views) else "scheduler"
@@ -106,10 +106,11 @@ def _everything(session: Session, question: Question) -> bool:
     return question.robot is not None or output.structured or output is Output.WIDE
 
 
-def _left_out(count: int, name: str) -> str:
+def _left_out(session: Session, count: int, name: str) -> str:
     if not count:
         return ""
-    return f"{count} more instances are not shown: kubectl robotapp explain {name} --robot NAME; all of them: -o wide"
+    command = session.write_command("explain", name, "--robot", "NAME")
+    return f"{count} more instances are not shown: {command}; all of them: -o wide"
 
 
 def _with_pods(found: list[Instance], pods: list[Json]) -> list[Instance]:

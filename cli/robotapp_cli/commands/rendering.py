@@ -36,7 +36,7 @@ async def show_children(session: Session, name: str) -> None:
         owned = [child for child in listing.items if _owned(child, uid)]
         found += [{"apiVersion": resource.api_version, "kind": resource.kind, **cleaned(child)} for child in owned]
     if not found:
-        sys.stderr.write(f"{name} has no children yet: kubectl robotapp info {name} says why\n")
+        sys.stderr.write(f"{name} has no children yet: {session.write_command('info', name)} says why\n")
     _write(found, session.options.output)
 
 

@@ -101,11 +101,12 @@ def name_selection(selection: Selection) -> str:
     return f"{text} on robot {selection.robot}" if selection.robot else text
 
 
-def explain_no_pods(app: Json, selection: Selection) -> CliError:
+def explain_no_pods(session: Session, app: Json, selection: Selection) -> CliError:
     """Returns the failure of a selection without a pod, with the command that shows why."""
     if app["spec"].get("suspend"):
         return CliError(
-            f"{selection.app} is suspended; start it with: kubectl robotapp resume {selection.app}", code=Exit.NOT_FOUND
+            f"{selection.app} is suspended; start it with: {session.write_command('resume', selection.app)}",
+            code=Exit.NOT_FOUND,
         )
-    text = f"{name_selection(selection)} has no pod; kubectl robotapp info {selection.app} has the reason"
+    text = f"{name_selection(selection)} has no pod; {session.write_command('info', selection.app)} has the reason"
     return CliError(text, code=Exit.NOT_FOUND)

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from robotapp_api.model.names import Annotation, Condition, Label, Phase
+from robotapp_api.values.quantities.times import read_moment
 from robotapp_claims.rules.completion.endings import read_number
 from robotapp_cli.reading.fields import Json, condition, label, meta, status
 from robotapp_cli.reading.instances import Instance, instances_of
@@ -57,6 +58,11 @@ class JobRun:
         return str(status(self.obj).get("startTime") or "")
 
     @property
+    def began(self) -> str:
+        """Returns the beginning of the first attempt that was recorded at a restart (completion.maxRestarts), "" without one."""
+        return str((meta(self.obj).get("annotations") or {}).get(Annotation.BEGAN) or "")
+
+    @property
     def ended(self) -> str:
         """When it completed or failed, "" before that."""
         time = status(self.obj).get("completionTime") or condition(self.obj, "Failed").get("lastTransitionTime")
@@ -94,13 +100,33 @@ class Run:
         return str(self.instance.observed.get("phase") or Phase.PENDING)
 
     @property
+    def last_scheduled_job(self) -> JobRun | None:
+        """Returns the Job that began last, where all jobs have a schedule; None for other runs."""
+        if not all(job.due for job in self.jobs):
+            return None
+        return max(self.jobs, key=lambda job: job.started, default=None)
+
+    @property
+    def timed_jobs(self) -> Sequence[JobRun]:
+        """Returns the jobs whose times are those of the run: a schedule goes on, so only its last run has a beginning and an end."""
+        last_job = self.last_scheduled_job
+        return [job for job in self.jobs if not job.due] if last_job is None else [last_job]
+
+    @property
     def started(self) -> str:
-        return min((job.started for job in self.jobs if job.started), default="")
+        """Returns when its first Job began, in the first of its attempts; "" before that."""
+        if self.last_scheduled_job is not None:
+            return self.last_scheduled_job.started
+        restarts = self.instance.observed.get("restarts") or {}
+        texts = [job.started for job in self.timed_jobs] + [job.began for job in self.timed_jobs]
+        times = [text for text in (*texts, str(restarts.get("began") or "")) if read_moment(text) is not None]
+        return min(times, default="")
 
     @property
     def ended(self) -> str:
         """Returns when its last Job ended, "" while it has not ended as a whole."""
-        return max((job.ended for job in self.jobs), default="") if self.phase in ENDED else ""
+        has_ended = self.phase in ENDED or self.last_scheduled_job is not None
+        return max((job.ended for job in self.timed_jobs), default="") if has_ended else ""
 
     @property
     def restarts(self) -> int:

@@ -1,6 +1,7 @@
 """One command's connection: which cluster, which namespace, and how errors end the process."""
 
 import asyncio
+import shlex
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +45,13 @@ class Session:
     def home(self) -> str:
         """The namespace for objects asked by name."""
         return self.options.namespace or self.client.endpoint.namespace
+
+    def write_command(self, *words: str) -> str:
+        """Returns a command of this program for people to paste, with the namespace and cluster that this one was given."""
+        options = self.options
+        given = (("-n", options.namespace), ("--context", options.context), ("--kubeconfig", options.kubeconfig))
+        written = [text for option, value in given if value for text in (option, str(value))]
+        return shlex.join(["kubectl", "robotapp", *words, *written])
 
 
 def endpoint(options: Options) -> Endpoint:

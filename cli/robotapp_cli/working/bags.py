@@ -212,7 +212,7 @@ async def _find_recorders(session: Session, selection: Selection) -> list[Record
     if not pods:
         raise CliError(
             f"no recorder of {selection.app} is running, and bags are read through it; "
-            f"kubectl robotapp info {selection.app} has the reason",
+            f"{session.write_command('info', selection.app)} has the reason",
             code=Exit.NOT_FOUND,
         )
     return [Recorder(pod, folder_of(selection.app, pod.robot, pod.component)) for pod in pods]

@@ -16,7 +16,7 @@ from robotapp_cli.reading.pods import (
 )
 from robotapp_cli.reading.runs import ENDED, JobRun, Run, has_ended, list_runs
 from robotapp_cli.reading.session import Session
-from robotapp_cli.working.runs import delete_job
+from robotapp_cli.working.runs import SCHEDULED_LATER, delete_job, refuse_scheduled
 from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS
 from robotapp_client.tools.rollout import restart_deployment
 
@@ -32,12 +32,12 @@ async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
     await session.client.patch(ROBOTAPPS, name, patch, namespace=session.home)
     if suspend and has_ended(app):
         print_line(f"{name} is suspended; it had ended before, so it has no pods, domain or devices")
-        print_line(f"No job of it runs again until: kubectl robotapp resume {name}")
+        print_line(f"No job of it runs again until: {session.write_command('resume', name)}")
     elif suspend:
         print_line(f"{name} is suspended: its pods end, it keeps its domain and gives its devices back")
-        print_line(f"Start it again: kubectl robotapp resume {name}")
+        print_line(f"Start it again: {session.write_command('resume', name)}")
     else:
-        print_line(f"{name} is resumed; follow it: kubectl robotapp info {name} -w")
+        print_line(f"{name} is resumed; follow it: {session.write_command('info', name, '-w')}")
 
 
 async def restart_components(session: Session, selection: Selection) -> None:
@@ -52,11 +52,10 @@ async def restart_components(session: Session, selection: Selection) -> None:
     runs = await _list_selected_runs(session, app, selection)
     selected = [job for run in runs for job in run.jobs if is_selected(job.obj, app, selection)]
     if not deployments and selected and all(job.due for job in selected):
-        name = selection.component or "a job with schedule"
-        raise CliError(f"{name} runs when it is due, not before; kubectl robotapp info {selection.app} has the time")
+        raise refuse_scheduled(session, selection.app, selected)
     jobs = [job for run in runs for job in list_repeated(app, run, selection)] if not deployments else []
     if not (deployments or jobs) or app["spec"].get("suspend"):
-        raise explain_no_pods(app, selection)
+        raise explain_no_pods(session, app, selection)
     accepted = condition(app, Condition.ACCEPTED)
     if jobs and accepted.get("status") == "False":
         raise CliError(f"no job of {selection.app} would be made, so none was deleted: {accepted.get('message', '')}")
@@ -72,14 +71,15 @@ async def restart_components(session: Session, selection: Selection) -> None:
             f"{text}: pods of {count} Deployment{'' if count == 1 else 's'} are replaced; domain and devices stay"
         )
         if any(not job.due for run in runs for job in run.jobs):
-            print_line(f"Its jobs are left alone; to run one again: kubectl robotapp restart {selection.app} COMPONENT")
-        print_line(f"Follow it: kubectl robotapp info {selection.app} -w")
+            command = session.write_command("restart", selection.app, "COMPONENT")
+            print_line(f"Its jobs are left alone; to run one again: {command}")
+        print_line(f"Follow it: {session.write_command('info', selection.app, '-w')}")
     else:
         names = ", ".join(sorted({job.component for job in jobs}))
         print_line(f"{text}: {len(jobs)} job{' runs' if len(jobs) == 1 else 's run'} once more ({names})")
         if any(job.due for job in selected):
-            print_line("Those with schedule run when they are due")
-        print_line(f"Follow it: kubectl robotapp runs {selection.app}")
+            print_line(SCHEDULED_LATER)
+        print_line(f"Follow it: {session.write_command('runs', selection.app)}")
 
 
 async def _list_selected_runs(session: Session, app: Json, selection: Selection) -> list[Run]:

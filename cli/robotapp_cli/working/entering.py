@@ -81,7 +81,7 @@ async def _choose_pod(session: Session, selection: Selection) -> AppPod:
     app = await fetch_app(session, selection)
     pods = await list_pods(session, app, selection)
     if not pods:
-        raise explain_no_pods(app, selection)
+        raise explain_no_pods(session, app, selection)
     titles = list(dict.fromkeys(pod.title for pod in pods))
     if len(titles) > 1:
         shown_titles = ", ".join(titles[:MOST_LISTED]) + (
@@ -94,7 +94,8 @@ async def _choose_pod(session: Session, selection: Selection) -> AppPod:
     running_pods = [pod for pod in pods if pod.is_running]
     if not running_pods:
         raise CliError(
-            f"no pod of {name_selection(selection)} is running; kubectl robotapp info {selection.app} has the reason",
+            f"no pod of {name_selection(selection)} is running; "
+            f"{session.write_command('info', selection.app)} has the reason",
             code=Exit.NOT_FOUND,
         )
     return running_pods[0]

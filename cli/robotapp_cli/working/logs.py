@@ -86,7 +86,7 @@ async def show_logs(session: Session, selection: Selection, options: LogOptions)
     pods = await list_pods(session, app, selection)
     sources = [source for pod in pods for source in list_sources(pod, previous=options.previous)]
     if not sources:
-        raise explain_no_pods(app, selection)
+        raise explain_no_pods(session, app, selection)
     most_bytes = max(LEAST_BYTES, min(MOST_BYTES, MOST_BYTES_OF_ALL // len(sources)))
     answers = await asyncio.gather(*(_read(session, source, query, most_bytes) for source in sources))
     printer = LogPrinter(timestamps=options.timestamps, titles=[source.title for source in sources])

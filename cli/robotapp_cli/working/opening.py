@@ -39,7 +39,7 @@ async def open_component(session: Session, selection: Selection, link: str | Non
     )
     running_pods = [pod for pod in pods if pod.is_running]
     if not running_pods:
-        raise explain_no_pods(app, selection)
+        raise explain_no_pods(session, app, selection)
     if len({pod.robot for pod in running_pods}) > 1:
         robots = ", ".join(list(dict.fromkeys(pod.robot for pod in running_pods))[:MOST_LISTED])
         raise CliError(f"{selection.app} runs on several robots ({robots}); name one with --robot", code=Exit.USAGE)

@@ -18,6 +18,7 @@ from robotapp_client.api.resources import JOBS, ROBOTAPPS
 
 BACKGROUND: Final = "Background"
 FOREGROUND: Final = "Foreground"
+SCHEDULED_LATER: Final = "Those with schedule run when they are due"
 
 
 def add_runs_command(app: typer.Typer) -> None:
@@ -79,6 +80,8 @@ def list_cells(run: Run, parameters: Sequence[str]) -> Sequence[str]:
         f"{component} {code}" if len(run.jobs) > 1 else str(code) for component, code in codes.items()
     )
     phase = f"{run.phase}, restarts: {run.restarts}" if run.restarts else run.phase
+    if (last_job := run.last_scheduled_job) is not None:
+        phase += f", last run: {f'{last_job.component} ' if len(run.jobs) > 1 else ''}{last_job.result}"
     return run.instance.name or "-", values, phase, "" if seconds is None else elapsed(seconds), exit_text
 
 
@@ -87,7 +90,7 @@ async def fetch_app_with_jobs(session: Session, name: str) -> Json:
     app = await session.client.get(ROBOTAPPS, name, namespace=session.home)
     if not any(component.get("job") is not None for component in app["spec"]["components"]):
         raise CliError(
-            f"{name} has no component with job, so its programs run on; kubectl robotapp info {name} shows them",
+            f"{name} has no component with job, so its programs run on; {session.write_command('info', name)} shows them",
             code=Exit.NOT_FOUND,
         )
     return app
@@ -97,21 +100,24 @@ async def repeat_failed(session: Session, name: str) -> None:
     """Deletes the failed Jobs of runs that have not completed, which the operator makes anew, and prints which.
 
     Where the jobs of a failed run have a deadline together, it deletes all of them: the time counts from the first one, and would be over.
-    A job with schedule comes back by itself.
+    A job with schedule runs when it is due. Raises CliError when only such jobs have failed.
     """
     app = await fetch_app_with_jobs(session, name)
     runs = await list_runs(session, app)
     if app["spec"].get("suspend"):
-        raise CliError(f"{name} is suspended; start it with: kubectl robotapp resume {name}")
+        raise CliError(f"{name} is suspended; start it with: {session.write_command('resume', name)}")
     # A run whose other components wait for a failed job has not ended, and never will.
     has_deadline = bool((app["spec"].get("completion") or {}).get("deadline"))
-    jobs = [
+    candidates = [
         (run, job)
         for run in runs
         if run.phase != Phase.COMPLETED
         for job in (run.jobs if has_deadline and run.phase == Phase.FAILED else run.failed_jobs)
-        if not job.due
     ]
+    jobs = [(run, job) for run, job in candidates if not job.due]
+    scheduled_jobs = [job for _, job in candidates if job.due]
+    if scheduled_jobs and not jobs:
+        raise refuse_scheduled(session, name, scheduled_jobs)
     if not jobs:
         print_line(f"{name} has no failed job; nothing was changed")
         print_refusal(app)
@@ -119,7 +125,16 @@ async def repeat_failed(session: Session, name: str) -> None:
     for run, job in jobs:
         await delete_job(session, job)
         print_line(f"{run.instance.name or name}: {job.component} runs once more")
-    print_line(f"Follow it: kubectl robotapp runs {name}")
+    if scheduled_jobs:
+        print_line(SCHEDULED_LATER)
+    print_line(f"Follow it: {session.write_command('runs', name)}")
+
+
+def refuse_scheduled(session: Session, app: str, jobs: Sequence[JobRun]) -> CliError:
+    """Returns the refusal to run jobs again that have a schedule, with the command that shows when they are due."""
+    names = sorted({job.component for job in jobs})
+    verb = "runs when it is" if len(names) == 1 else "run when they are"
+    return CliError(f"{', '.join(names)} {verb} due, not before; {session.write_command('info', app)} has the time")
 
 
 async def delete_job(session: Session, job: JobRun) -> None:

@@ -60,9 +60,14 @@ class JobSpec(Object, frozen=True, kw_only=True):
     """Of interest is only that there is one: the component's program ends."""
 
 
+class ScheduleSpec(Object, frozen=True, kw_only=True):
+    """Of interest is only that there is one: the component's job runs when it is due."""
+
+
 class ComponentSpec(Object, frozen=True, kw_only=True):
     name: str = ""
     job: JobSpec | None = None
+    schedule: ScheduleSpec | None = None
     replicas: int = 1
     replica_identity: str = ""
 

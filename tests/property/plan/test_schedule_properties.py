@@ -200,8 +200,8 @@ def test_times_that_do_not_exist_or_exist_twice_are_due_once() -> None:
     nightly = parse_due_times("30 3 * * *", ATHENS)
     forward, back = datetime(2026, 3, 28, 12, tzinfo=UTC), datetime(2026, 10, 24, 12, tzinfo=UTC)
     assert [nightly.format_time(due) for due in list_due_times(nightly, forward, forward + timedelta(days=2))] == [
-        "2026-03-29 04:00",
-        "2026-03-30 03:30",
+        "2026-03-29 04:00 Europe/Athens",
+        "2026-03-30 03:30 Europe/Athens",
     ]
     assert list_due_times(nightly, back, back + timedelta(days=1)) == [datetime(2026, 10, 25, 0, 30, tzinfo=UTC)]
     assert nightly.zone == ZoneInfo(ATHENS)

@@ -159,7 +159,6 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
     chosen = [item for item in instances if item.spec.instance == robot] if robot else instances[:MOST_IN_FULL]
     several = len(instances) > 1
     builder = _InstanceBuilder(snapshot, app)
-    has_jobs = any(component.job is not None for component in app.spec.components)
     return AppView(
         clean(namespace, 63),
         clean(name, 63),
@@ -179,7 +178,7 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
         max(0, len(instances) - MOST_LISTED),
         clean(robot, 63),
         bool(robot) and not chosen,
-        _list_commands(namespace, name, robot, has_jobs=has_jobs, is_suspended=app.spec.suspend),
+        _list_commands(app, robot),
         snapshot.list_refusals("robotapps", "robotappinstances", "nodes", "nodetelemetries"),
     )
 
@@ -348,13 +347,18 @@ def _build_line(instance: Instance, namespace: str, name: str) -> InstanceLine:
     )
 
 
-def _list_commands(namespace: str, name: str, robot: str, *, has_jobs: bool, is_suspended: bool) -> tuple[Command, ...]:
+def _list_commands(app: App, robot: str) -> tuple[Command, ...]:
+    namespace, name = app.metadata.namespace, app.metadata.name
     in_namespace = ("-n", namespace)
     on_robot = ("--robot", robot) if robot else ()
     selector = f"{Label.APP}={name}" + (f",{Label.INSTANCE}={robot}" if robot else "")
-    words, value = ("start its pods again", "false") if is_suspended else ("stop all its pods", "true")
+    words, value = ("start its pods again", "false") if app.spec.suspend else ("stop all its pods", "true")
     line = ("robotapp", "runs", name, *in_namespace)
-    runs = (Command("its runs", kubectl(*line)), Command("failed runs once more", kubectl(*line, "--failed")))
+    jobs = [component for component in app.spec.components if component.job is not None]
+    # A job with schedule runs when it is due, so it is not repeated.
+    can_repeat = any(component.schedule is None for component in jobs)
+    runs = [Command("its runs", kubectl(*line))] if jobs else []
+    runs += [Command("failed runs once more", kubectl(*line, "--failed"))] if can_repeat else []
     return (
         Command(
             "conditions, edges and events on a terminal", kubectl("robotapp", "info", name, *in_namespace, *on_robot)
@@ -367,7 +371,7 @@ def _list_commands(namespace: str, name: str, robot: str, *, has_jobs: bool, is_
             kubectl("logs", *in_namespace, "-l", selector, "--all-containers", "--prefix", "-f"),
         ),
         Command("its pods", kubectl("get", "pods", *in_namespace, "-l", selector, "-o", "wide")),
-        *(runs if has_jobs else ()),
+        *runs,
         Command("the objects made of it", kubectl("robotapp", "render", name, *in_namespace)),
         Command("restart its components", kubectl("rollout", "restart", "deployment", *in_namespace, "-l", selector)),
         Command(

@@ -91,8 +91,8 @@ class DueTimes:
             window *= _WINDOW_GROWTH
 
     def format_time(self, time: datetime) -> str:
-        """Returns the time as the clock of the zone shows it, to the minute."""
-        return time.astimezone(self.zone).strftime("%Y-%m-%d %H:%M")
+        """Returns the time as the clock of the zone shows it, to the minute, with the name of the zone."""
+        return f"{time.astimezone(self.zone):%Y-%m-%d %H:%M} {self.zone.key}"
 
 
 @lru_cache(maxsize=1024)

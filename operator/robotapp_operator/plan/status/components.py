@@ -287,7 +287,7 @@ def _describe_runs(view: ComponentView, run: ScheduledRun, *, suspended: bool) -
     if is_stopped:
         texts.append("no runs while suspended")
     elif run.next_due is not None:
-        texts.append(f"next run {due_times.format_time(run.next_due)} {due_times.zone.key}")
+        texts.append(f"next run {due_times.format_time(run.next_due)}")
     if view.reason or (run.is_active and not is_stopped):
         texts.append(view.message)
     return "; ".join(filter(None, texts))

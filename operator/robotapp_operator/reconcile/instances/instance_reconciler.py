@@ -335,7 +335,7 @@ class InstanceReconciler:
                 continue
             if change.child.ref in written.versions:
                 due = run.due_times.format_time(run.missed)
-                note = f"{change.child.component}: the run of {due} {run.due_times.zone.key} {run.why_missed}"
+                note = f"{change.child.component}: the run of {due} {run.why_missed}"
                 self._announce_about(app, robot, EventReason.RUN_MISSED, note, warning=True)
 
     def _announce_about(self, app: App, robot: str, reason: EventReason, note: str, *, warning: bool) -> None:

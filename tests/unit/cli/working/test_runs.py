@@ -123,6 +123,60 @@ def test_a_run_that_was_started_again_has_how_often(stage: Stage) -> None:
     assert (runs["a"]["restarts"], runs["a"]["jobs"][0]["attempt"]) == (0, 0)
 
 
+@pytest.mark.parametrize("is_between_attempts", [False, True])
+def test_the_duration_of_a_run_that_was_started_again_begins_with_its_first_attempt(
+    stage: Stage, is_between_attempts: bool
+) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    again = run_object("a", "Pending" if is_between_attempts else "Completed")
+    again["status"]["restarts"] = {"count": 1, "attempt": 1, "began": "2025-12-31T23:59:00Z"}
+    second = job("a", "Complete", seconds=40)
+    second["metadata"]["annotations"]["robotics.io/began"] = "2025-12-31T23:59:00Z"
+    stage.add(INSTANCES, again)
+    stage.add(JOBS, *([] if is_between_attempts else [second]))
+    (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+    assert run["startTime"] == "2025-12-31T23:59:00Z"
+    assert is_between_attempts or run["seconds"] == 100.0
+
+
+def test_what_somebody_writes_as_the_beginning_of_a_run_is_none(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Completed"))
+    for text in ("yesterday", "2026-01-01T00:00:30Z"):
+        strange = job("a", "Complete", seconds=40)
+        strange["metadata"]["annotations"]["robotics.io/began"] = text
+        stage.add(JOBS, strange)
+        (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+        assert run["seconds"] == 40.0
+
+
+def scheduled_job(component: str, *conditions: str, seconds: int = 0, started: str = "") -> Json:
+    built = job("a", *conditions, seconds=seconds, component=component)
+    built["metadata"]["annotations"]["robotics.io/due-at"] = "2026-01-01T00:00:00Z"
+    built["status"] |= {"startTime": started} if started else {}
+    return built
+
+
+def test_the_duration_of_an_app_that_has_only_schedules_is_that_of_its_last_run(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Running"))
+    stage.add(JOBS, scheduled_job("sim", "Complete", seconds=40))
+    (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+    assert (run["seconds"], run["endTime"]) == (40.0, "2026-01-01T00:00:40Z")
+    assert "Running, last run: Complete 40s" in " ".join(stage.text("runs", "teleop").split())
+    stage.add(JOBS, scheduled_job("upload", "Failed", started="2026-01-01T00:00:50Z"))
+    assert "Running, last run: upload Failed 10s" in " ".join(stage.text("runs", "teleop").split())
+
+
+def test_runs_of_a_schedule_are_no_part_of_the_duration_of_other_jobs(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Completed"))
+    nightly = scheduled_job("upload", "Complete", seconds=59, started="2025-12-31T22:00:00Z")
+    stage.add(JOBS, job("a", "Complete", seconds=40), nightly)
+    (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
+    assert (run["startTime"], run["seconds"]) == ("2026-01-01T00:00:00Z", 40.0)
+
+
 def test_failed_runs_are_repeated_and_others_are_left_alone(stage: Stage) -> None:
     fill(stage)
     printed = stage.text("runs", "teleop", "--failed")
@@ -195,8 +249,10 @@ def test_a_job_with_schedule_is_shown_with_its_due_time_and_never_repeated(stage
     stage.add(JOBS, last, mark)
     (run,) = json.loads(stage.text("runs", "teleop", "-o", "json"))
     assert [each["dueTime"] for each in run["jobs"]] == ["2026-01-01T00:00:00Z"]
-    assert "no failed job; nothing was changed" in stage.text("runs", "teleop", "--failed")
-    assert "sim runs when it is due, not before" in stage.run("restart", "teleop", "sim").output
+    for arguments in (("runs", "teleop", "--failed"), ("restart", "teleop", "sim"), ("restart", "teleop")):
+        refusal = stage.run(*arguments)
+        assert refusal.exit_code == 1
+        assert "sim runs when it is due, not before; kubectl robotapp info teleop has the time" in refusal.output
     assert len(names_of_jobs(stage)) == 2
 
 
@@ -219,6 +275,43 @@ def test_restart_leaves_jobs_with_schedule_to_their_time_and_runs_the_others_aga
         "Follow it: kubectl robotapp runs teleop",
     ]
     assert names_of_jobs(stage) == ["teleop-a-upload"]
+
+
+def test_a_failed_job_with_schedule_beside_one_that_is_repeated_is_left_to_its_time(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep())
+    stage.add(INSTANCES, run_object("a", "Degraded"))
+    nightly = job("a", "Failed", component="upload")
+    nightly["metadata"]["annotations"]["robotics.io/due-at"] = "2026-01-01T00:00:00Z"
+    stage.add(JOBS, job("a", "Failed"), nightly)
+    assert stage.text("runs", "teleop", "--failed").splitlines() == [
+        "a: sim runs once more",
+        "Those with schedule run when they are due",
+        "Follow it: kubectl robotapp runs teleop",
+    ]
+    assert names_of_jobs(stage) == ["teleop-a-upload"]
+
+
+HINTS = [
+    (("restart", "teleop"), "Follow it: kubectl robotapp runs teleop"),
+    (("runs", "teleop", "--failed"), "Follow it: kubectl robotapp runs teleop"),
+    (("suspend", "teleop"), "Start it again: kubectl robotapp resume teleop"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "hint"), HINTS)
+def test_a_hint_has_the_namespace_and_cluster_of_its_command_so_that_it_can_be_pasted(
+    stage: Stage, arguments: tuple[str, ...], hint: str
+) -> None:
+    fill(stage)
+    options = ("-n", "fleet", "--context", "x", "--kubeconfig", str(stage.kubeconfig))
+    written = f"-n fleet --context x --kubeconfig {stage.kubeconfig}"
+    assert f"{hint} {written}" in " ".join(stage.text(*arguments, *options).split())
+
+
+def test_hints_of_errors_have_the_namespace_too(stage: Stage) -> None:
+    stage.add(ROBOTAPPS, sweep() | {"spec": sweep()["spec"] | {"suspend": True}})
+    assert "follow it: kubectl robotapp info teleop -w -n fleet" in stage.text("resume", "teleop", "-n", "fleet")
+    assert "kubectl robotapp info teleop -n fleet has the reason" in stage.run("logs", "teleop", "-n", "fleet").output
 
 
 def names_of_jobs(stage: Stage) -> list[str]:

@@ -146,6 +146,14 @@ def test_a_job_that_has_completed_is_done_waits_for_no_node_and_has_commands_for
     assert not [command for command in plain.commands if "runs" in command.line]
 
 
+def test_an_app_whose_jobs_all_have_a_schedule_has_no_command_that_repeats_them() -> None:
+    upload = {"name": "upload", "job": {}, "schedule": {"cron": "@daily"}}
+    shown = view(snapshot(apps=[app("teleop") | {"spec": {"components": [upload]}}], instances=[instance("teleop")]))
+    lines = [command.line for command in shown.commands]
+    assert "kubectl robotapp runs teleop -n default" in lines
+    assert not [line for line in lines if "--failed" in line]
+
+
 def test_one_instance_can_be_chosen_and_a_missing_one_is_told() -> None:
     world = snapshot(apps=[app("teleop")], instances=[instance("teleop", f"r{i}") for i in range(20)])
     assert [item.name for item in view(world, "r13").instances] == ["r13"]

@@ -159,7 +159,7 @@ def test_a_run_that_is_too_late_is_left_out_and_the_next_one_is_made() -> None:
         "of several that are missed one after the other the first is recorded"
     )
     assert view_of(app, reported, late).message == (
-        "run of 2026-11-30 02:00 succeeded; that of 2026-12-03 02:00 was missed, because it could not begin within "
+        "run of 2026-11-30 02:00 Europe/Athens succeeded; that of 2026-12-03 02:00 Europe/Athens was missed, because it could not begin within "
         "600 s (schedule.startingDeadlineSeconds); next run 2026-12-04 02:00 Europe/Athens"
     )
     assert judge_progress(app, ended.values(), now=late).runs_change_at == DUE + 4 * DAY
@@ -174,7 +174,7 @@ def test_what_is_due_while_a_run_goes_on_is_skipped_and_not_made_up_for() -> Non
     assert not plan_of(app, observed, DUE + 7 * MINUTE)
     text = view_of(app, observed, DUE + 7 * MINUTE).message
     assert text == (
-        "run of 2026-11-30 00:00 is under way; that of 2026-11-30 00:05 was skipped, because this one has not ended; next run 2026-11-30 00:10 UTC"
+        "run of 2026-11-30 00:00 UTC is under way; that of 2026-11-30 00:05 UTC was skipped, because this one has not ended; next run 2026-11-30 00:10 UTC"
     )
     ended = store(only_job(app, mark(app), DUE), app, verdict="Complete", ended=DUE + 8 * MINUTE)
     assert not plan_of(app, ended, DUE + 9 * MINUTE)
@@ -239,8 +239,14 @@ def test_a_run_that_goes_on_is_suspended_with_its_app_and_goes_on_with_it() -> N
     (change,) = plan_of(stopped, running, DUE + MINUTE).changes
     assert change.amended is not None
     assert change.amended["suspend"] is True
-    text = "run of 2026-11-30 02:00 is suspended; no runs while suspended"
+    text = "run of 2026-11-30 02:00 Europe/Athens is suspended; no runs while suspended"
     assert view_of(stopped, running, DUE + MINUTE).message == text
+
+
+def test_each_time_of_a_message_has_its_zone() -> None:
+    app = app_of()
+    text = "run of 2026-11-30 02:00 Europe/Athens begins; next run 2026-12-01 02:00 Europe/Athens"
+    assert view_of(app, mark(app), DUE).message == text
 
 
 def test_a_component_without_replicas_has_no_runs() -> None:
@@ -312,7 +318,9 @@ def test_a_run_waits_for_what_it_depends_on_and_its_record_stays() -> None:
     assert judge_progress(app, before.values(), now=DUE).runs_change_at == DUE + 10 * MINUTE
     (change,) = plan_of(app, before, DUE + 11 * MINUTE).changes
     assert change.records == {Annotation.MISSED_AT: "2026-11-30T00:00:00Z"}
-    assert view_of(app, before, DUE + 11 * MINUTE).message.startswith("run of 2026-11-30 02:00 was missed")
+    assert view_of(app, before, DUE + 11 * MINUTE).message.startswith(
+        "run of 2026-11-30 02:00 Europe/Athens was missed"
+    )
     ready = make_deployment(app, "db")
     (change,) = plan_of(app, before | ready, DUE + MINUTE).changes
     assert change.child.annotations[Annotation.DUE_AT] == "2026-11-30T00:00:00Z"
@@ -388,13 +396,13 @@ def test_the_time_of_runs_is_no_part_of_the_deadline() -> None:
 @pytest.mark.parametrize(
     ("verdict", "ready", "text"),
     [
-        ("Complete", True, "run of 2026-11-30 02:00 succeeded; next run 2026-12-01 02:00 Europe/Athens"),
+        ("Complete", True, "run of 2026-11-30 02:00 Europe/Athens succeeded; next run 2026-12-01 02:00 Europe/Athens"),
         (
             "Failed",
             False,
-            "run of 2026-11-30 02:00 failed; next run 2026-12-01 02:00 Europe/Athens; BackoffLimitExceeded",
+            "run of 2026-11-30 02:00 Europe/Athens failed; next run 2026-12-01 02:00 Europe/Athens; BackoffLimitExceeded",
         ),
-        ("", True, "run of 2026-11-30 02:00 is under way; next run 2026-12-01 02:00 Europe/Athens"),
+        ("", True, "run of 2026-11-30 02:00 Europe/Athens is under way; next run 2026-12-01 02:00 Europe/Athens"),
     ],
 )
 def test_the_message_has_the_last_run_and_the_next(verdict: str, ready: bool, text: str) -> None:
@@ -419,7 +427,7 @@ def test_a_run_that_finds_no_node_makes_the_component_not_ready_when_it_is_late(
         assert view.reason is (None if is_ready else Reason.UNSCHEDULABLE)
         assert "no node has a GPU" in view.message
     text = unscheduled_view(app, running, DUE + DAY).message
-    assert "that of 2026-12-01 02:00 was skipped, because this one has not ended" in text
+    assert "that of 2026-12-01 02:00 Europe/Athens was skipped, because this one has not ended" in text
     assert view_of(app, running, DUE + DAY).ready, "a run that has a node is not late"
 
 
@@ -493,7 +501,7 @@ def test_a_record_of_a_clock_that_was_years_ahead_does_not_stop_the_schedule() -
     ended = {ref: with_annotations(run, dict(change.records))}
     assert not plan_of(app, ended, DUE + 3 * MINUTE)
     assert view_of(app, ended, DUE + 3 * MINUTE).message == (
-        "the due time 2031-01-01 02:00 on its last job is ahead of the clock and does not count; next run 2026-12-01 02:00 Europe/Athens"
+        "the due time 2031-01-01 02:00 Europe/Athens on its last job is ahead of the clock and does not count; next run 2026-12-01 02:00 Europe/Athens"
     )
     (next_run,) = plan_of(app, ended, DUE + DAY).changes
     both = ended | store(next_run.child, app)
