@@ -91,6 +91,8 @@ def test_its_pod_follows_what_the_components_have_alike() -> None:
         ({"topics": {"regex": "("}}, "spec.recordings[0].topics.regex: ( is no regular expression"),
         ({"split": {"size": "1Ki"}}, "write at least 1Mi"),
         ({"retain": {"size": "300Mi"}}, "write at least twice split.size"),
+        ({"split": {"duration": "0s"}}, "spec.recordings[0].split.duration: 0s would begin a bag with every message"),
+        ({"split": {"duration": "999999h999999h999999h"}}, "is longer than any recording; write for example 10m"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_place_and_cure(changes: dict[str, Any], error: str) -> None:

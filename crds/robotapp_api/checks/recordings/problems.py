@@ -7,10 +7,12 @@ from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import ros_version_of
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.recording import Recording
+from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.quantities.quantity import parse_bytes
 
 LEAST_SPLIT_BYTES = 1 << 20
 """A smaller bag would be closed several times a second."""
+LEAST_SPLIT_US = 1_000_000
 
 
 def recording_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -24,6 +26,7 @@ def recording_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         at = f"spec.recordings[{index}]"
         yield from _pattern_problems(recording, at)
         yield from _size_problems(recording, at)
+        yield from _duration_problems(recording, at)
 
 
 def recording_notes(spec: RobotAppSpec) -> Iterator[Note]:
@@ -44,6 +47,19 @@ def _pattern_problems(recording: Recording, at: str) -> Iterator[Problem]:
             yield invalid(
                 f"{at}.topics.{field}", f'{pattern} is no regular expression ({error}); write for example "/camera/.*"'
             )
+
+
+def _duration_problems(recording: Recording, at: str) -> Iterator[Problem]:
+    text = recording.split.duration
+    if text is None:
+        return
+    try:
+        duration_us = parse_us(text)
+    except (ValueError, OverflowError):
+        yield invalid(f"{at}.split.duration", f"{text} is longer than any recording; write for example 10m")
+        return
+    if duration_us < LEAST_SPLIT_US:
+        yield invalid(f"{at}.split.duration", f"{text} would begin a bag with every message; write at least 1s")
 
 
 def _size_problems(recording: Recording, at: str) -> Iterator[Problem]:
