@@ -170,7 +170,7 @@ def test_a_suspended_app_keeps_its_failed_job_and_is_started_again_when_it_is_re
     unplaced.edit("again", suspend=True)
     operator.restart()
     wait_phase(unplaced, "again", "Suspended")
-    eventually(lambda: unplaced.instances("again")[0]["status"].get("phase") == "Suspended")
+    eventually(lambda: any(item["status"].get("phase") == "Suspended" for item in unplaced.instances("again")))
     assert jobs_of(unplaced)["save"]["metadata"]["uid"] == uid, "its pod and the logs are still there"
     assert "restarts" not in unplaced.instances("again")[0]["status"]
     unplaced.edit("again", suspend=False)
