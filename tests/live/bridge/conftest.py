@@ -11,6 +11,7 @@ import pytest
 
 from campaigns.rigs.live import PATIENCE_S, eventually, pool
 from rigel_bridge.main import main
+from robotapp_claims.protocol.sweep_snapshot import DEFAULT_QUARANTINE_S
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.namespaces import created
@@ -67,8 +68,9 @@ class Stage:
         return items
 
     def gone(self, name: str) -> None:
-        """Wait until no claim names the app any more."""
-        eventually(lambda: not self.claims(name), timeout_s=PATIENCE_S, what=lambda: self.claims(name))
+        """Waits until no claim names the app any more. An id of the default pool rests before that."""
+        patience_s = DEFAULT_QUARANTINE_S + PATIENCE_S
+        eventually(lambda: not self.claims(name), timeout_s=patience_s, what=lambda: self.claims(name))
 
     def claims(self, name: str) -> list[str]:
         items = self.plane.api.get("/apis/robotics.io/v1alpha1/robotclaims")["items"]

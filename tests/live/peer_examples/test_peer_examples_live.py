@@ -54,6 +54,7 @@ PATHS = {
     "Ingress": "/apis/networking.k8s.io/v1/namespaces/{}/ingresses",
 }
 PATIENCE_S = 120.0
+FIXED = "fixed"
 SETTLED_S = 20.0
 ROLES = ("edit", "robotapp-editor", *(f"robotapp-use-{right.value}" for right in HostRight))
 
@@ -106,7 +107,8 @@ def applied(installed_plane: ControlPlane) -> Iterator[Applied]:
     """All examples at once, applied by an account of the namespace; the volumes are the administrator's."""
     mark = secrets.token_hex(2)
     examples = [make() for make in EXAMPLES]
-    with SimulatedSite(installed_plane, make_nodes(mark), pools={f"peers-{mark}": "1-40"}) as site:
+    pools = {f"peers-{mark}": "16-60", f"peers-{FIXED}-{mark}": "1-15"}
+    with SimulatedSite(installed_plane, make_nodes(mark), pools=pools) as site:
         writer = _make_writer(site)
         volumes = []
         applied = Applied(site)
@@ -118,7 +120,7 @@ def applied(installed_plane: ControlPlane) -> Iterator[Applied]:
                     else:
                         writer.create(PATHS[item["kind"]].format(site.namespace), item)
                 for app in example.apps:
-                    applied.refusals[app["metadata"]["name"]] = _apply(writer, site, app, pool=f"peers-{mark}")
+                    applied.refusals[app["metadata"]["name"]] = _apply(writer, site, app, mark=mark)
             yield applied
         finally:
             writer.close()
@@ -146,10 +148,14 @@ def _claim_volume(site: SimulatedSite, name: str) -> str:
     return full
 
 
-def _apply(writer: Api, site: SimulatedSite, app: Json, *, pool: str) -> str:
-    """Creates an app with a domain from the test's own pool where the authors fix none. Returns the refusal, "" without one."""
+def _apply(writer: Api, site: SimulatedSite, app: Json, *, mark: str) -> str:
+    """Creates an app with a domain from the test's own pools. Returns the refusal, "" without one.
+
+    A domain that the authors fix is of a pool from which no app gets a free one, which might be this.
+    """
     spec = app["spec"]
     if spec["ros"]["distro"] not in ("none", "noetic"):
+        pool = f"peers-{FIXED}-{mark}" if "domain" in spec.get("ros2", {}) else f"peers-{mark}"
         spec = {**spec, "ros2": {"pool": pool, **spec.get("ros2", {})}}
     try:
         writer.create(f"{site.apps_path}?fieldValidation=Strict", {**app, "spec": spec})
