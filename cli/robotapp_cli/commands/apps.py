@@ -105,8 +105,8 @@ def _count_instances(counts: Json, *, noun: str, has_ended: bool) -> str:
         words = [f"{counts[key]} {key}" for key in ("ready", "completed", "offline", "failed") if counts.get(key)]
         total = counts.get("desired", 0)
         return f"{total} {noun}{'' if total == 1 else 's'}: {', '.join(words) or 'none has begun'}"
-    others = [f"{counts[key]} {key}" for key in ("offline", "failed") if counts.get(key)]
-    return ", ".join([f"{noun}s {counts.get('ready', 0)}/{counts['desired']} ready", *others])
+    troubles = [f"{counts[key]} {key}" for key in ("offline", "failed") if counts.get(key)]
+    return ", ".join([f"{noun}s {counts.get('ready', 0)}/{counts['desired']} ready", *troubles])
 
 
 def _print_conditions(app: Json) -> None:

@@ -49,9 +49,9 @@ class Session:
     def write_command(self, *words: str) -> str:
         """Returns a command of this program for people to paste, with the namespace and cluster that this one was given."""
         options = self.options
-        given = (("-n", options.namespace), ("--context", options.context), ("--kubeconfig", options.kubeconfig))
-        written = [text for option, value in given if value for text in (option, str(value))]
-        return shlex.join(["kubectl", "robotapp", *words, *written])
+        flags = (("-n", options.namespace), ("--context", options.context), ("--kubeconfig", options.kubeconfig))
+        flag_words = [text for option, value in flags if value for text in (option, str(value))]
+        return shlex.join(["kubectl", "robotapp", *words, *flag_words])
 
 
 def endpoint(options: Options) -> Endpoint:

@@ -140,9 +140,9 @@ def _place_all(arguments: argparse.Namespace, report: Report) -> None:
 
 def _describe(placement: Placement) -> str:
     """Returns one line of a placement."""
-    kept = f"{placement.kept}/{len(placement.promises)}"
+    share = f"{placement.kept}/{len(placement.promises)}"
     nodes = reports.describe_nodes(placement.nodes)
-    return f"{placement.repetition} {placement.app} under {placement.scheduler}: {kept} kept; {nodes}"
+    return f"{placement.repetition} {placement.app} under {placement.scheduler}: {share} kept; {nodes}"
 
 
 def _choose(arguments: argparse.Namespace) -> tuple[list[Scenario], list[int], Sequence[Contender]]:

@@ -48,7 +48,7 @@ def find_manifests(env: Mapping[str, str] = os.environ) -> Path:
     go = toolchain.find(env, home=cache.cache_home(env))
     if go is None:
         raise TestbedError("there is no Go to find kueue's manifests with: build the manager first")
-    done = subprocess.run(
+    download = subprocess.run(
         [str(go.program), "mod", "download", "-json", f"{_MODULE}@{VERSION}"],
         cwd=MODULE_DIR,
         env=gobuild.build_environment(env),
@@ -56,6 +56,6 @@ def find_manifests(env: Mapping[str, str] = os.environ) -> Path:
         text=True,
         check=False,
     )
-    if done.returncode != 0:
-        raise TestbedError(f"kueue {VERSION} cannot be downloaded: {last_words(done.stdout + done.stderr)}")
-    return Path(json.loads(done.stdout)["Dir"]) / "config" / "default"
+    if download.returncode != 0:
+        raise TestbedError(f"kueue {VERSION} cannot be downloaded: {last_words(download.stdout + download.stderr)}")
+    return Path(json.loads(download.stdout)["Dir"]) / "config" / "default"

@@ -18,15 +18,13 @@ from robotapp_operator.plan.spec.desired import App, find_deletion_time
 from robotapp_operator.plan.spec.objects import Job
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.events import PendingEvent
-from robotapp_operator.reconcile.reconcile_state import Again
+from robotapp_operator.reconcile.reconcile_state import RACE_S, Again
 from robotapp_operator.reconcile.status_reporter import send_event
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import app_of_instance, wanted_instances
 
 log = logging.getLogger(__name__)
 
-SOON_S: Final = 1.0
-"""Pause after a lost race: by then the watch has delivered what another writer did."""
 REFUSED_S: Final = 600.0
 """Pause after the API server has refused to let us delete an app."""
 _ENDED: Final = frozenset({Phase.COMPLETED.value, Phase.FAILED.value})
@@ -66,10 +64,10 @@ class AppExpiry:
     async def look(self, uid: str) -> Again:
         """Deletes the app if its time has come; else returns the seconds until then, None while it has none."""
         record = self._cache.apps.get(uid)
-        wait_s = _measure_wait(find_expiry(record), self._now())
+        now = self._now()
+        wait_s = _measure_wait(find_expiry(record), now)
         if record is None or wait_s is None or wait_s > 0:
             return wait_s
-        now = self._now()
         current, date = await self._read(record)
         now = min(now, date or now)
         wait_s = _measure_wait(find_expiry(current), now)
@@ -127,7 +125,7 @@ class AppExpiry:
         except NotFound:
             return None
         except Conflict:
-            return SOON_S
+            return RACE_S
         except Forbidden as refusal:
             text = f"it was to be deleted (spec.completion.ttl), but the API server refuses it: {refusal.message}; delete it yourself"
             log.warning("%s/%s: %s", record.namespace, record.name, text)

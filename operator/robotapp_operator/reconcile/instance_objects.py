@@ -7,7 +7,7 @@ its `status.restarts` numbers the next Jobs while none is there (`plan.diff.atte
 import logging
 from collections.abc import Callable, Mapping
 from datetime import datetime
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 
@@ -21,14 +21,11 @@ from robotapp_operator.plan.status.facts import AppFacts, of_instance
 from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status, without_times
 from robotapp_operator.plan.status.pace import has_arrived, is_urgent
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
+from robotapp_operator.reconcile.reconcile_state import RACE_S, Again, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import instances_by_name
 
 log = logging.getLogger(__name__)
-
-SOON_S: Final = 1.0
-"""Pause after a lost race: by then the watch has delivered what another writer did."""
 
 
 class InstanceObjects:
@@ -95,8 +92,8 @@ class InstanceObjects:
         try:
             self._keep(await self._client.get(ROBOTAPPINSTANCES, name, namespace=app.namespace))
         except NotFound:
-            return SOON_S
-        return 0.0 if f"{app.namespace}/{name}" in self._cache.instance_object_named else SOON_S
+            return RACE_S
+        return 0.0 if f"{app.namespace}/{name}" in self._cache.instance_object_named else RACE_S
 
     async def _write(self, app: App, instance: str, item: AppInstance, memory: InstanceMemory) -> Again:
         facts = self._facts(app, instance, item)
@@ -135,7 +132,7 @@ class InstanceObjects:
             log.info("status of RobotAppInstance %s/%s not written: %s", meta.namespace, meta.name, race)
             if isinstance(race, NotFound):  # its DELETED event may have come before the answer that put it here
                 self._cache.drop_instance_object(item)
-            return SOON_S
+            return RACE_S
         self._keep(answer)
         memory.version = answer["metadata"]["resourceVersion"]
         memory.writing.wrote(now_s, urgent=urgent)
@@ -197,7 +194,7 @@ class InstanceObjects:
             except (NotFound, Conflict):  # its DELETED event may have come before the answer that put it here
                 log.debug("RobotAppInstance %s/%s is gone already", meta.namespace, meta.name)
                 self._cache.drop_instance_object(item)
-                again_s = SOON_S
+                again_s = RACE_S
         return again_s
 
     def _keep(self, answer: Mapping[str, Any]) -> None:

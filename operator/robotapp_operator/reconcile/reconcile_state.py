@@ -4,7 +4,7 @@ import dataclasses
 from collections import defaultdict
 from collections.abc import Collection, Mapping
 from datetime import datetime
-from typing import Any
+from typing import Any, Final
 
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.domain import DomainOutcome
@@ -19,6 +19,8 @@ from robotapp_operator.plan.status.pace import Bucket, Crowd, Writing
 
 Again = float | None
 """Seconds after which to look again although nothing has happened; None: not before something does."""
+RACE_S: Final = 1.0
+"""Pause after a lost race: by then the watch has delivered what another writer did."""
 Trouble = tuple[Reason, str]
 
 

@@ -1,7 +1,5 @@
 """Components that end, on a control plane with the operator and our scheduler: they run once, and what they held is given back."""
 
-import secrets
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import Any
 
@@ -12,22 +10,12 @@ from campaigns.rigs.live import Tenant, eventually, part
 from campaigns.storm.recorder import Recorder
 from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.control_plane import product
 from robotapp_testbed.machines.nodes import Device, edge
 from robotapp_testbed.machines.telemetry import SimulatedTelemetry
 from robotapp_testbed.machines.topology import Topology, apply, remove
 from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.usefixtures("operator")
-
-
-@pytest.fixture(scope="module")
-def scheduler(installed_plane: ControlPlane, operator: Process) -> Iterator[Process]:
-    """Our scheduler."""
-    assert operator.running
-    process = product.start_scheduler(installed_plane, name=f"scheduler-{secrets.token_hex(3)}", sweep_seconds=1)
-    yield process
-    process.stop()
 
 
 @pytest.fixture

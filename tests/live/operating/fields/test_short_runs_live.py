@@ -1,56 +1,27 @@
 """Runs of a moment and components that become jobs, on a control plane: what a sweep leaves to others, and who waits for whose last pod."""
 
 import secrets
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
+from tests.live.operating.fields.sweep_views import jobs_of, phases_of, run_command
 
 from campaigns.operating.sweep import Report, count_live_pods
 from campaigns.rigs.live import Tenant, eventually, part, pool
 from campaigns.rigs.twin import THEIRS, kube_scheduler
 from campaigns.storm.history import Event
 from campaigns.storm.recorder import Recorder
-from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.control_plane import product
 from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.usefixtures("operator")
 
-PROGRAM = Path(sys.executable).parent / "kubectl-robotapp"
 RUNS = 10
 IDS = 6
 HELD = ["example.com/held"]
 """Finalizers of a pod whose programs take their time to end."""
-
-
-@pytest.fixture(scope="module")
-def scheduler(installed_plane: ControlPlane, operator: Process) -> Iterator[Process]:
-    """Our scheduler."""
-    assert operator.running
-    process = product.start_scheduler(installed_plane, name=f"scheduler-{secrets.token_hex(3)}", sweep_seconds=1)
-    yield process
-    process.stop()
-
-
-def phases_of(tenant: Tenant, name: str) -> list[str]:
-    return [str((item.get("status") or {}).get("phase", "")) for item in tenant.instances(name)]
-
-
-def jobs_of(tenant: Tenant) -> dict[str, dict[str, Any]]:
-    return {job["metadata"]["labels"][Label.INSTANCE]: job for job in tenant.listed("batch/jobs")}
-
-
-def run_command(tenant: Tenant, *arguments: str) -> str:
-    command = [str(PROGRAM), *arguments, "-n", tenant.namespace, f"--kubeconfig={tenant.cp.kubeconfig('admin')}"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
 
 
 def count_claims(events: list[Event], namespace: str) -> int:

@@ -1,27 +1,20 @@
 """A sweep on a control plane with the operator and our scheduler: a few instances at a time, each in a domain of its own, and nothing left."""
 
 import json
-import secrets
-import subprocess
-import sys
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
+from tests.live.operating.fields.sweep_views import jobs_of, phases_of, run_command
 
 from campaigns.operating.sweep import Report, count_live_pods
 from campaigns.rigs.live import Tenant, eventually, part
 from campaigns.storm.history import Judge
 from campaigns.storm.recorder import Recorder
-from robotapp_api.model.names import QUEUE_NAME, Label
+from robotapp_api.model.names import QUEUE_NAME
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.control_plane import product
 from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.usefixtures("operator")
 
-PROGRAM = Path(sys.executable).parent / "kubectl-robotapp"
 SPEEDS, SEEDS = ("0.5", "1.0", "1.5", "2.0"), ("1", "2", "3")
 PARALLELISM = 3
 MATRIX = {
@@ -37,35 +30,11 @@ SIM = {
 }
 
 
-@pytest.fixture(scope="module")
-def scheduler(installed_plane: ControlPlane, operator: Process) -> Iterator[Process]:
-    """Our scheduler."""
-    assert operator.running
-    process = product.start_scheduler(installed_plane, name=f"scheduler-{secrets.token_hex(3)}", sweep_seconds=1)
-    yield process
-    process.stop()
-
-
 @pytest.fixture
 def runs(installed_plane: ControlPlane, namespace: str, scheduler: Process) -> Tenant:
     """A namespace whose pods our scheduler binds; pods of Jobs end with 0 as soon as they run."""
     assert scheduler.running
     return Tenant(installed_plane, namespace)
-
-
-def phases_of(tenant: Tenant, name: str) -> list[str]:
-    return [str((item.get("status") or {}).get("phase", "")) for item in tenant.instances(name)]
-
-
-def jobs_of(tenant: Tenant) -> dict[str, dict[str, Any]]:
-    return {job["metadata"]["labels"][Label.INSTANCE]: job for job in tenant.listed("batch/jobs")}
-
-
-def run_command(tenant: Tenant, *arguments: str) -> str:
-    command = [str(PROGRAM), *arguments, "-n", tenant.namespace, f"--kubeconfig={tenant.cp.kubeconfig('admin')}"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
 
 
 def test_twelve_instances_three_at_a_time_all_complete_and_give_their_domains_back(

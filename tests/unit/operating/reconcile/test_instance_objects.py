@@ -17,7 +17,7 @@ from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_operator.plan.render.instance_object import object_name, wanted_object
 from robotapp_operator.plan.status.latency import REST_S
 from robotapp_operator.plan.status.pace import MOST_START_REST_S, SETTLED_S, STILL_S, URGENT_REST_S
-from robotapp_operator.reconcile.instance_objects import SOON_S
+from robotapp_operator.reconcile.reconcile_state import RACE_S
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 QUIET_S = 120.0
@@ -119,7 +119,7 @@ async def test_an_object_that_is_back_although_its_end_was_announced_is_looked_f
     await world.settle(uid)
     (item,) = world.cache.instance_object_named.values()
     world.cache.drop_instance_object(item)
-    assert await world.objects.publish(uid, "") == SOON_S
+    assert await world.objects.publish(uid, "") == RACE_S
     world.cache.forget_ends()
     assert await world.objects.publish(uid, "") == 0.0
     assert world.cache.instance_object_named
@@ -254,7 +254,7 @@ async def test_a_name_that_is_taken_for_a_moment_is_tried_again(
         raise NotFound("gone", status=404)
 
     monkeypatch.setattr(world.client, "get", gone)
-    assert await world.objects.publish(uid, "") == SOON_S
+    assert await world.objects.publish(uid, "") == RACE_S
 
 
 async def test_an_object_that_only_the_cache_still_has_is_made_again(world: WrittenInstances) -> None:
@@ -264,7 +264,7 @@ async def test_an_object_that_only_the_cache_still_has_is_made_again(world: Writ
     (item,) = await world.stored()
     await world.client.delete(ROBOTAPPINSTANCES, item["metadata"]["name"], namespace="default")
     world.now_s += QUIET_S
-    assert await world.objects.publish(uid, "") == SOON_S
+    assert await world.objects.publish(uid, "") == RACE_S
     await world.objects.publish(uid, "")
     assert [each["metadata"]["name"] for each in await world.stored()] == [item["metadata"]["name"]]
 
@@ -277,7 +277,7 @@ async def test_a_wrong_object_that_only_the_cache_still_has_keeps_nobody_from_th
     ghost = await world.client.create(ROBOTAPPINSTANCES, body | {"spec": body["spec"] | {"robot": "other"}})
     await world.mirror()
     await world.client.delete(ROBOTAPPINSTANCES, ghost["metadata"]["name"], namespace="default")
-    assert await world.objects.publish(uid, "") == SOON_S
+    assert await world.objects.publish(uid, "") == RACE_S
     await world.objects.publish(uid, "")
     assert [each["spec"]["robot"] for each in await world.stored()] == [""]
 
@@ -289,10 +289,10 @@ async def test_a_status_is_never_written_over_what_was_not_seen(world: WrittenIn
     key = Stored("robotics.io/robotappinstances", "default", item["metadata"]["name"])
     world.api.store.overwrite(key, item | {"status": {"phase": "Forged"}})
     world.now_s += QUIET_S
-    assert await world.objects.publish(uid, "") == SOON_S
+    assert await world.objects.publish(uid, "") == RACE_S
     assert (await world.stored())[0]["status"] == {"phase": "Forged"}
     await world.mirror()
-    world.now_s += SOON_S
+    world.now_s += RACE_S
     await world.settle(uid)
     assert (await world.stored())[0]["status"]["phase"] == "Pending"
 
